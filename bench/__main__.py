@@ -1,14 +1,18 @@
 """`uv run python -m bench`: list the names; `… bench NAME …`: run some measurements, and `… bench all`: all that make
 tables; `… bench compare OLD NEW`: which times have moved; `… bench golden OLD [NEW]`: whether the samples are the same;
-`… bench pairs OLD [NEW]`: both timed in turn; `… bench shipped`: make the machine code that comes with the engine;
-`… bench stale`: which tables are of older kernels; `… bench site [FOLDER]`: the guides as a site; `… bench playable
-[FOLDER]`: a site on which every patch plays; `… bench ruler_package FOLDER`: the problems of the ruler as a package of
-their own; `… bench recordings FOLDER`: how far pianos and toms are from recorded ones; `… bench exhibit PATCH …`: the
-parts of the gallery that show some patches; `… bench pieces [PATCH …]`: its pieces of music."""
+`… bench machines`: whether tables depend on the machine; `… bench pairs OLD [NEW]`: both timed in turn; `… bench builds
+OLD`: how long tables take to build; `… bench events`: the price of an event; `… bench inputs`: the delay of a note
+behind a controller; `… bench notes FOLDER`: whether each note of MIDI files sounds as it does alone; `… bench shipped`:
+make the machine code that comes with the engine; `… bench stale`: which tables are of older kernels; `… bench site
+[FOLDER]`: the guides as a site; `… bench playable [FOLDER]`: a site on which every patch plays; `… bench ruler_package
+FOLDER`: the problems of the ruler as a package of their own; `… bench recordings FOLDER`: how far pianos and toms are
+from recorded ones; `… bench exhibit PATCH …`: the parts of the gallery that show some patches; `… bench pieces [PATCH
+…]`: its pieces of music."""
 
 import ast
 import difflib
 import importlib
+import inspect
 import os
 import re
 import sys
@@ -17,8 +21,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from bench.accuracy import golden
-from bench.performance import pairs
+from bench.accuracy import golden, machines, notes
+from bench.performance import builds, events, inputs, pairs
 from bench.publish import compare, exhibit, performances, playable, ruler_package, shipped, site, stale
 from bench.recordings import command
 
@@ -40,7 +44,7 @@ MEASUREMENTS = {  # in this order
         ),
         "endurance",
     ],
-    "accuracy": ["price", "jvari", "metric", "hard", "one_way", "bowing"],
+    "accuracy": ["price", "jvari", "metric", "hard", "one_way", "bowing", "bowed_pitch", "estimates", "features"],
     "paper": ["newton", "figures", "equations"],
     "rivals": ["peers"],
     "ruler": ["ruler", "slope", "loss", "chosen"],
@@ -48,9 +52,14 @@ MEASUREMENTS = {  # in this order
 }
 PACKAGE = {name: package for package, names in MEASUREMENTS.items() for name in names}
 OTHERS: dict[str, Callable[[list[str]], int]] = {  # that are no tables, and have arguments
+    "builds": builds.main,
     "compare": compare.main,
     "golden": golden.main,
+    "machines": machines.main,
+    "notes": notes.main,
     "pairs": pairs.main,
+    "events": events.main,
+    "inputs": inputs.main,
     "shipped": shipped.main,
     "stale": stale.main,
     "site": site.main,
@@ -68,7 +77,14 @@ def describe(name: str) -> str:
     source = Path(__file__).parent.joinpath(*module.split(".")).with_suffix(".py").read_text("utf-8")
     text = " ".join((ast.get_docstring(ast.parse(source)) or "").split())
     sentence = SENTENCE_END.split(text, maxsplit=1)[0].rstrip(".?")
-    return f"{name:<12}{textwrap.shorten(sentence, LINE_LENGTH - 12, placeholder=' …')}"
+    return f"{name:<14}{textwrap.shorten(sentence, LINE_LENGTH - 14, placeholder=' …')}"
+
+
+def explain(name: str) -> int:
+    """Print what one that has arguments says of itself; returns the exit code."""
+    command = OTHERS[name]
+    print(f"{inspect.getdoc(sys.modules[command.__module__])}\n\n{inspect.getdoc(command)}")
+    return 0
 
 
 def main() -> int:
@@ -76,6 +92,8 @@ def main() -> int:
     os.environ.setdefault("FDH_KERNEL", "special")  # what is measured, where no measurement says otherwise …
     os.environ["FDH_BACKGROUND"] = "off"  # … with nothing beside it
     if sys.argv[1:2] and sys.argv[1] in OTHERS:
+        if {"--help", "-h"} & {*sys.argv[2:]}:
+            return explain(sys.argv[1])
         return OTHERS[sys.argv[1]](sys.argv[2:])
     if sys.argv[1:2] in ([], ["--help"], ["-h"]):
         print(f"{__doc__}\n")

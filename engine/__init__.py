@@ -1,8 +1,8 @@
 """Sound synthesis in which things really collide: energy-exact contacts, in real time.
 
-import engine
-scene = engine.load("tanpura")  # a shipped patch; or the path of a file
-rendering = engine.render(scene, seconds=2.0)
+import fdh
+scene = fdh.load("tanpura")  # a shipped patch; or the path of a file
+rendering = fdh.render(scene, seconds=2.0)
 rendering.audio, rendering.stats
 """
 

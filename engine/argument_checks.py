@@ -1,6 +1,7 @@
 """Arguments of the Python interface: what is of no use is refused in a line that says what would be."""
 
 import operator
+from collections.abc import Mapping
 from typing import Any
 
 
@@ -24,6 +25,16 @@ def checked_integer(name: str, value: int) -> int:
         return operator.index(value)
     except TypeError:
         raise TypeError(f"{name} = {value!r} is not a whole number; give one, such as 0") from None
+
+
+def values_by_path(path: Any, value: Any) -> dict[Any, Any]:
+    """The values to set: one, by its path, or those of a dict in place of a path. Raises ValueError if there is one
+    beside the dict, which it would not be of."""
+    if not isinstance(path, Mapping):
+        return {path: value}
+    if value is not None:
+        raise ValueError(f"value = {value!r} belongs to no path; leave it out, or put it into the dict of values")
+    return dict(path)
 
 
 def plain_value(value: Any) -> Any:

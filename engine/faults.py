@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from engine.wording import program_name, to_one_line
 
@@ -31,6 +32,14 @@ class Fault:
         return f"{place} {self.path}: {message}" if self.path else f"{place}: {message}"
 
 
+class RenderInterrupted(KeyboardInterrupt):
+    """Ctrl-C while a scene or notes are rendered. rendering: the first part, as a rendering of so many seconds"""
+
+    def __init__(self, rendering: Any) -> None:
+        super().__init__()
+        self.rendering = rendering
+
+
 class PatchWarning(FutureWarning):
     """A patch that works, and something in it that is said better otherwise, such as a key with an old name."""
 
@@ -38,10 +47,10 @@ class PatchWarning(FutureWarning):
 class PatchError(ValueError):
     """A patch that cannot be used. Its `faults` list all that is wrong with it, or the first of very many.
 
-    >>> import engine
+    >>> import fdh
     >>> try:
-    ...     engine.load("piano_c4").replace({"contact.felt.exponent": 0.5, "body.string.length": -1.0})
-    ... except engine.PatchError as error:
+    ...     fdh.load("piano_c4").replace({"contact.felt.exponent": 0.5, "body.string.length": -1.0})
+    ... except fdh.PatchError as error:
     ...     print([fault.path for fault in error.faults])
     ['body[0].length', 'contact[0].exponent']
     """
@@ -54,9 +63,9 @@ class PatchError(ValueError):
 class BuildError(ValueError):
     """A valid scene that cannot be built with the given settings. Its `faults` have paths of keys, but no file.
 
-    >>> import engine
-    >>> whistle = engine.load("repelled_oscillator").replace("body.oscillator.frequency", 30_000.0)
-    >>> engine.render(whistle, samplerate=44_100)
+    >>> import fdh
+    >>> whistle = fdh.load("repelled_oscillator").replace("body.oscillator.frequency", 30_000.0)
+    >>> fdh.render(whistle, samplerate=44_100)
     Traceback (most recent call last):
     engine.faults.BuildError: ...
     """

@@ -4,11 +4,43 @@ import os
 import re
 import stat
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
 
 MB = 1_000_000
 PACKAGE_FOLDER = Path(__file__).parent
-INSTALLED_PATCHES = PACKAGE_FOLDER / "patches"  # of a wheel; in the sources, patches lie beside render.py
-SHIPPED_PATCHES = INSTALLED_PATCHES if INSTALLED_PATCHES.is_dir() else PACKAGE_FOLDER.parent / "patches"
+
+
+def _shipped_folder() -> Path:
+    """The folder of the patches that come with the engine: in a wheel it is in the package; in the sources, beside
+    render.py. From a zip, they are unpacked for as long as this process lasts."""
+    for folder in (PACKAGE_FOLDER / "patches", PACKAGE_FOLDER.parent / "patches"):
+        if folder.is_dir():
+            return folder
+    import atexit
+    import shutil
+    import tempfile
+    from importlib.resources import files
+
+    unpacked = Path(tempfile.mkdtemp(prefix="fdh-patches-"))
+    atexit.register(shutil.rmtree, unpacked, ignore_errors=True)
+    _unpack(files("engine") / "patches", unpacked)
+    return unpacked
+
+
+def _unpack(packed: "Traversable", folder: Path) -> None:
+    """Copy the content of a folder of a package, if there is such a folder."""
+    for entry in packed.iterdir() if packed.is_dir() else ():
+        if entry.is_dir():
+            (folder / entry.name).mkdir()
+            _unpack(entry, folder / entry.name)
+        else:
+            (folder / entry.name).write_bytes(entry.read_bytes())
+
+
+SHIPPED_PATCHES = _shipped_folder()
 SHIPPED_NAME = re.compile(r"\w+")
 
 
@@ -24,12 +56,14 @@ def check_regular_file(path: Path) -> None:
         raise UnreadableFile("is not a file, but a pipe, a device or a folder")
 
 
-def read_bytes(path: Path, max_bytes: int) -> bytes:
-    """Read a whole file. Raises OSError, or UnreadableFile, also if it has more than `max_bytes`."""
+def read_bytes(path: Path, max_bytes: int | None) -> bytes:
+    """Read a whole file. Raises OSError, or UnreadableFile, also if it has more than `max_bytes`; None: of any size."""
     check_regular_file(path)
     with open(path, "rb", opener=_open_without_waiting) as file:
-        data = file.read(max_bytes + 1)
-    if data is None or len(data) > max_bytes:  # a pipe that has nothing ready gives None
+        data = file.read(-1 if max_bytes is None else max_bytes + 1)
+    if data is None:  # a pipe that has nothing ready
+        raise UnreadableFile("is not a file, but a pipe")
+    if max_bytes is not None and len(data) > max_bytes:
         raise UnreadableFile(f"is larger than {max_bytes / MB:g} MB")
     return data
 
@@ -70,3 +104,22 @@ def find_patch(name: str | Path) -> Path:
         shipped = SHIPPED_PATCHES / f"{path}.toml"
         return shipped if path_exists(shipped) else path
     return path
+
+
+def shortest_name(path: Path) -> str:
+    """Return the shortest name of a patch to type: that of a shipped one, or the path, relative to the current folder
+    if that is shorter."""
+    if path.parent == SHIPPED_PATCHES:
+        return path.stem
+    try:
+        return min(os.path.relpath(path), str(path), key=len)
+    except (OSError, ValueError):  # the current folder was removed, or is on another drive
+        return str(path)
+
+
+def is_shipped(path: Path) -> bool:
+    """True if a path leads to a patch that comes with the engine, and that is found by its name alone."""
+    try:
+        return path.suffix == ".toml" and path.resolve().parent == SHIPPED_PATCHES.resolve()
+    except (OSError, RuntimeError, ValueError):  # a loop of links, or no path at all
+        return False

@@ -3,14 +3,17 @@
 import io
 import math
 import os
+import shutil
+import stat
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from engine.audio_formats import explain_unsupported_format
+from engine.audio_formats import explain_unsupported_format, format_for_size, open_sound_file, remove_time, write_pieces
 from engine.faults import Fault
 
 if TYPE_CHECKING:
@@ -20,6 +23,10 @@ NORMALISED_PEAK_DBFS = -1.0
 MAX_SAMPLE_VALUE = 3e38, 1e308  # of single and of double precision
 SILENT_PEAK = 1e-30  # audio with a smaller peak counts as silent, and is not normalised
 SUBTYPES = ("FLOAT", "PCM_24", "PCM_16", "DOUBLE")
+BITS = {"PCM_16": 16, "PCM_24": 24}  # of formats whose samples libsndfile would floor
+BITS_OF_SUBTYPE = BITS | {"FLOAT": 32, "DOUBLE": 64, "PCM_32": 32, "PCM_S8": 8, "PCM_U8": 8}  # of uncompressed samples
+ROUNDED_FRAMES = 1 << 20  # at a time
+MAX_NAME_BYTES = 255  # of a file, on all usual file systems
 
 
 def apply_gain(
@@ -52,19 +59,38 @@ def save_audio(output: Path, audio: "np.ndarray", samplerate: int, subtype: str 
 
     Raises OSError if it cannot be written, RuntimeError if the format cannot hold it.
     """
-    import soundfile
-
-    kind = output.suffix.lstrip(".").upper()
-    if message := explain_unsupported_format(output, samplerate, audio.shape[1] if audio.ndim > 1 else 1):
+    kind, channels = output.suffix.lstrip(".").upper(), audio.shape[1] if audio.ndim > 1 else 1
+    if message := explain_unsupported_format(output, samplerate, channels):
         raise RuntimeError(message)
+    chosen, bits = resolve_subtype(output, subtype), BITS_OF_SUBTYPE.get(subtype_of_file(output, subtype), 0)
+    written = format_for_size(kind, audio.size * bits // 8)
     with atomic_write(output) as path, ErrorKeepingFile(path, "w+") as file:
         try:
-            soundfile.write(file, audio, samplerate, format=kind, subtype=resolve_subtype(output, subtype))
+            with open_sound_file(file, samplerate, channels, chosen, written) as sound:
+                for begin in range(0, len(audio), ROUNDED_FRAMES):
+                    piece = audio[begin : begin + ROUNDED_FRAMES]
+                    write_pieces(sound, round_samples(piece, output, subtype))
+            remove_time(file, written)
         except (RuntimeError, AssertionError):
             if file.error is None:
                 raise
         if file.error is not None:
             raise file.error
+
+
+def round_samples(audio: "np.ndarray", output: Path, subtype: str | None) -> "np.ndarray":
+    """Return audio [frames, channels] as soundfile is to write it: in a file of 16 or 24 bits, integers that are the
+    nearest ones, with what is beyond full scale cut off; libsndfile takes those below, which shifts a sound by half a
+    step. Of other files, the audio itself. subtype: as requested"""
+    import numpy as np
+
+    bits = BITS.get(subtype_of_file(output, subtype))
+    if bits is None:
+        return audio
+    full = float(1 << (bits - 1))
+    scaled = np.multiply(audio, full)
+    np.clip(np.rint(scaled, out=scaled), -full, full - 1.0, out=scaled)
+    return np.asarray(scaled.astype(np.int16) if bits == 16 else scaled.astype(np.int32) << (32 - bits))
 
 
 class ErrorKeepingFile(io.FileIO):
@@ -125,7 +151,7 @@ def absolute_path(path: Path) -> Path:
 def error_reason(error: Exception) -> str:
     """Why a file could not be read or written, in a few words."""
     if isinstance(error, OSError) and error.strerror:
-        return error.strerror.lower()
+        return error.strerror[0].lower() + error.strerror[1:]
     if isinstance(error, UnicodeDecodeError):
         return "not a text file"
     return getattr(error, "error_string", "") or str(error)  # of soundfile: the name it adds is the temporary one
@@ -157,11 +183,8 @@ def count_clipped(output: Path, audio: "np.ndarray", gain: float, subtype: str |
 
     audio: [frames, channels], at the level of the file; gain: dB, which brought it there
     """
-    import soundfile
-
-    subtype = resolve_subtype(output, subtype) or soundfile.default_subtype(output.suffix.lstrip("."))
     count = int((abs(audio) > 1.0).sum())
-    if not count or subtype in ("FLOAT", "DOUBLE"):
+    if not count or subtype_of_file(output, subtype) in ("FLOAT", "DOUBLE"):
         return None
     return Clipping(count, audio.size, largest_safe_gain(gain, float(abs(audio).max())))
 
@@ -173,7 +196,41 @@ def largest_safe_gain(gain: float, peak: float) -> float:
 
 def temporary_path(target: Path) -> Path:
     """The name under which a file is written. If this process is killed, `engine.live.recovery` finds it."""
-    return target.with_name(f".{target.name}.{os.getpid()}.part")
+    ending, name = f".{os.getpid()}.part", target.name
+    if (excess := len(os.fsencode(f".{name}{ending}")) - MAX_NAME_BYTES) > 0:
+        stem = os.fsencode(target.stem)[:-excess].decode("utf-8", "ignore")
+        name = f"{stem}{target.suffix}"
+    return target.with_name(f".{name}{ending}")
+
+
+def resolve_links(path: Path) -> Path:
+    """The absolute path of what a path leads to through all links, which need not be there."""
+    try:
+        return Path(os.path.realpath(path))
+    except (OSError, ValueError):  # the current folder was removed
+        return absolute_path(path)
+
+
+def is_stream(path: Path) -> bool:
+    """True if a path leads to a named pipe or a device, which takes bytes in order and has no temporary name."""
+    try:
+        mode = os.stat(path).st_mode
+    except (OSError, ValueError):
+        return False
+    return stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)
+
+
+def explain_unwritable(path: Path) -> str:
+    """Why what stands at a path cannot be written anew, in a few words; "" if it can, or nothing stands there."""
+    try:
+        mode = os.stat(path).st_mode
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        return ""
+    except OSError as error:
+        return error_reason(error)
+    if not (stat.S_ISREG(mode) or stat.S_ISFIFO(mode) or stat.S_ISCHR(mode)):
+        return "not a file, but a folder, a disk or a socket"
+    return "" if mode & 0o222 and os.access(path, os.W_OK) else "read-only"
 
 
 def unused_path(path: Path) -> Path:
@@ -186,18 +243,69 @@ def unused_path(path: Path) -> Path:
 
 @contextmanager
 def atomic_write(target: Path) -> Iterator[Path]:
-    """Give a temporary path beside the target, and rename it to the target when all is written."""
+    """Give a temporary path beside the target, and rename it to the target when all is written. Links are followed, and
+    a file keeps its mode. A pipe or a device is sent what was written. Raises OSError, also if the target is
+    read-only; or if the path cannot be renamed, as on Windows while a player has the target open: what was written is
+    kept, and named."""
+    if reason := explain_unwritable(target):
+        raise OSError(reason)
+    if is_stream(target):
+        with _sent_to(target) as path:
+            yield path
+        return
+    target = resolve_links(target)
     path = temporary_path(target)
     try:
         yield path
-        os.replace(path, target)
-    finally:
+    except BaseException:
         path.unlink(missing_ok=True)
+        raise
+    try:
+        replace_file(path, target)
+    except OSError as error:
+        if not path.exists():
+            raise
+        kept = _rename_to_unused(path, target)
+        raise OSError(error.errno, f"{error.strerror or error}; what was written is in {kept.name}") from error
+
+
+def _rename_to_unused(path: Path, target: Path) -> Path:
+    """Rename a file to a name like that of the target; return the name that it has then."""
+    kept = unused_path(target)
+    try:
+        os.rename(path, kept)
+    except OSError:
+        return path
+    return kept
+
+
+def replace_file(path: Path, target: Path) -> None:
+    """Rename a file to the target, which keeps the mode of what it takes the name of. Raises OSError."""
+    if target.is_file():
+        shutil.copymode(target, path)
+    os.replace(path, target)
+
+
+@contextmanager
+def _sent_to(target: Path) -> Iterator[Path]:
+    """Give a path in the temporary folder, and send what was written there to a pipe or a device."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "part"
+        yield path
+        with path.open("rb") as file, target.open("wb") as stream:
+            shutil.copyfileobj(file, stream)
 
 
 def resolve_subtype(output: Path, requested: str | None) -> str | None:
     """The requested sample format, or else FLOAT for a WAV; None leaves it to the file format."""
     return requested or ("FLOAT" if output.suffix.lower() == ".wav" else None)
+
+
+def subtype_of_file(output: Path, requested: str | None) -> str:
+    """The sample format that a file will have: the requested one, or else that of its file format."""
+    import soundfile
+
+    return str(resolve_subtype(output, requested) or soundfile.default_subtype(output.suffix.lstrip(".")))
 
 
 def check_audio_format(output: Path, subtype: str | None, option: str) -> list[Fault]:

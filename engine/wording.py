@@ -70,7 +70,8 @@ def program_name() -> str:
     started = Path(sys.argv[0] if sys.argv else "")
     if started.name == "render.py":
         return started.name
-    return "python -m engine" if started.parts[-2:] == ("engine", "__main__.py") else "fdh"
+    package = started.parent.name
+    return f"python -m {package}" if started.name == "__main__.py" and package in ("engine", "fdh") else "fdh"
 
 
 def json_safe(value: Any) -> Any:

@@ -1,7 +1,11 @@
 """Scenes for the tests: shipped patches, and variations of them."""
 
 import ctypes.util
+import functools
+import gc
 import os
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +17,14 @@ import pytest
 
 import engine
 
+ROOT = Path(__file__).parent.parent
+gc.disable()  # until all is collected: to look for garbage in what is read, which stays, takes a quarter of the time
 pytest_plugins = ["kernel_files"]
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):  # then in a folder of pytest's, or each command reads all anew
+    sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"] = str(ROOT / ".pytest_cache" / "bytecode")
+    sys.dont_write_bytecode = False
 os.environ.setdefault("FDH_KERNEL", "general")  # one kernel for all scenes; that special ones give the same is a test
 os.environ["FDH_BACKGROUND"] = "off"  # also for the commands that tests start
-ROOT = Path(__file__).parent.parent
 PATCHES = sorted((ROOT / "patches").glob("*.toml"))
 ALSA = Path("/usr/share/alsa/alsa.conf")
 needs_portaudio = pytest.mark.skipif(
@@ -25,8 +33,36 @@ needs_portaudio = pytest.mark.skipif(
 needs_alsa = pytest.mark.skipif(not ALSA.exists(), reason="no ALSA")
 
 
+def pytest_configure() -> None:
+    """Say in a line what the tests need, where only what a first sound needs is installed."""
+    missing = [name for name in ("hypothesis", "jsonschema", "mpmath", "pythonosc") if find_spec(name) is None]
+    if missing:
+        raise pytest.UsageError(f"the tests need {', '.join(missing)}: uv run --group dev pytest")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Function]) -> None:
+    """Mark those cases of a test as hard that its mark `hard_for` names, and all but those that `hard_but` names."""
+    named, found = set(), set()
+    for item in items:
+        for mark in (*item.iter_markers("hard_for"), *item.iter_markers("hard_but")):
+            named |= {(item.originalname, case) for case in mark.args}
+            found.add((item.originalname, item.callspec.id))
+            if (item.callspec.id in mark.args) == (mark.name == "hard_for"):
+                item.add_marker("hard")
+    unknown = named - found
+    if unknown and not any("::" in argument for argument in config.args):
+        raise pytest.UsageError(f"cases that are marked and do not exist: {unknown}")
+
+
+def pytest_collection_finish() -> None:
+    """Leave all that was collected out of later searches for garbage."""
+    gc.freeze()
+    gc.enable()
+
+
 def mostly_hard(values: list[Any], *kept: Any) -> list[Any]:
-    """Cases of a test of which all but the kept ones are among the hard: each needs a kernel of its own."""
+    """Cases of a test of which all but the kept ones are among the hard: each takes seconds, or a kernel of its own."""
     cases = {v: v if isinstance(v, tuple) else (v,) for v in values}
     return [v if v in kept else pytest.param(*case, marks=pytest.mark.hard) for v, case in cases.items()]
 
@@ -59,3 +95,24 @@ def file_device(tmp_path):  # type: ignore[no-untyped-def]
     device = f'pcm.!default {{ type file slave.pcm "null" file "{raw}" format "raw" }}'
     (tmp_path / "asound.conf").write_text(f"<{ALSA}>\n{device}\n")
     return {"ALSA_CONFIG_PATH": str(tmp_path / "asound.conf"), "JACK_NO_START_SERVER": "1"}, raw
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory):
+    """The library in C of a shipped patch, by its name. Each is compiled once for all workers of a run, one at a time
+    and by a process of its own: it takes two minutes and gigabytes."""
+    import fcntl
+
+    from tests.export.test_c_library import Library
+
+    base = tmp_path_factory.getbasetemp()
+    shared = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "libraries"
+
+    @functools.cache
+    def find(name):
+        shared.mkdir(exist_ok=True)
+        with open(shared / "lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            return Library(engine.load(name), shared / name, by_itself=name)
+
+    return find

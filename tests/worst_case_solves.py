@@ -1,12 +1,14 @@
 """Solves of one contact over the whole range of its numbers, and their exact forces."""
 
-import mpmath
 import numpy as np
+from later import import_later
 
 from engine.compiler.decorators import kernel
 from engine.kernel.contact.contact_law import LossyLaw, step_start
 from engine.kernel.contact.scalar_contact_solver import ContactEquation, solve_scalar_contact
 from engine.kernel.data import laws
+
+mpmath = import_later("mpmath")
 
 EXPONENTS = [1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0, 8.0, 12.0]
 
@@ -31,7 +33,7 @@ def worst_case_solves(alpha: float, size: int) -> tuple:
     return s, g, compliance, out, count, how
 
 
-def exact_force(alpha: float, s: float, g: float, beta: float) -> mpmath.mpf:
+def exact_force(alpha: float, s: float, g: float, beta: float) -> "mpmath.mpf":
     """Mean force of a step at 50 digits, by bisection and Newton on the convex residual."""
     s, g, beta, alpha = mpmath.mpf(s), mpmath.mpf(g), mpmath.mpf(beta), mpmath.mpf(alpha)
     if s <= 0 and s + g <= 0:

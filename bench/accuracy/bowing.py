@@ -106,9 +106,10 @@ def sawtooth_correlation(rendering: engine.Rendering, position: float) -> float:
     return best
 
 
-def playing_range(position: float, forces: np.ndarray) -> list[Bowing]:
+def playing_range(position: float, forces: np.ndarray, substeps: int | None = None) -> list[Bowing]:
     """Describe the motion of the string for each of these bow forces."""
-    return [describe(engine.render(bowed_string(position, float(force)), trace=True)) for force in forces]
+    scenes = (bowed_string(position, float(force)) for force in forces)
+    return [describe(engine.render(scene, trace=True, substeps=substeps)) for scene in scenes]
 
 
 def find_range(motions: list[Bowing]) -> tuple[int, int]:

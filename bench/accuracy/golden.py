@@ -1,7 +1,8 @@
 """`uv run python -m bench golden OLD [NEW]`: does another version of the engine give the same samples, bit for bit?
 
 OLD and NEW are revisions; NEW is the working tree if none is given. Both run on this machine, in this environment, on
-the shipped patches of OLD. What differs is said with its size, as a share of the peak over the first 50 ms.
+the shipped patches of OLD. What differs is said with its size, as a share of the peak over the first 50 ms; of a sound
+that is rendered offline, also by how much third-octave bands differ at most.
 """
 
 import os
@@ -15,11 +16,13 @@ import numpy as np
 
 from bench.publish.report import ROOT
 from bench.publish.revisions import checked_out
+from engine.analysis.metrics import band_error
 
 WORKER = Path(__file__).with_name("golden_samples.py")
 EARLY = 0.05  # s, over which a difference is measured
 RATE = 44_100
 CORES = 2
+OFFLINE = "offline"  # name of the samples whose bands are compared
 
 
 def compute(tree: Path, patches: Path, folder: Path, names: list[str]) -> None:
@@ -55,9 +58,11 @@ def compare(old: Path, new: Path, names: list[str]) -> int:
     for name in names:
         with np.load(old / f"{name}.npz") as a, np.load(new / f"{name}.npz") as b:
             found = {key: difference(a[key], b[key]) if key in b else np.inf for key in a}
+            bands = band_error(b[OFFLINE], a[OFFLINE], RATE)
         wrong = {key: size for key, size in found.items() if size}
         count += len(wrong)
         said = "; ".join(f"{key} {size:.1e}" for key, size in wrong.items())
+        said += f"; bands differ by at most {bands:.2f} dB" if OFFLINE in wrong else ""
         print(f"{name:<22} {len(found)} arrays, {said or 'the same bits'}", flush=True)
     return count
 

@@ -13,7 +13,7 @@ import numpy as np
 
 import engine
 
-OFFLINE, TRACED, LIVE = 0.25, 0.06, 0.2  # s
+OFFLINE, TRACED, LIVE = 1.0, 0.06, 0.2  # s
 BLOCKS = 64, 997  # frames
 SAMPLERATE = 44_100
 OLD = "engine."  # when all modules lay in one folder

@@ -13,8 +13,8 @@ LINE_LENGTH = 118
 PAGE = ROOT / "docs" / "api.md"
 INTRODUCTION = """# The Python interface
 
-What `import engine` offers, made of the docstrings by `uv run python -m bench api`; a test runs every example. All
-numbers are in SI units. `import engine` is quick: what a name needs is imported when the name is first used.
+What `import fdh` offers, made of the docstrings by `uv run python -m bench api`; a test runs every example. All
+numbers are in SI units. `import fdh` is quick: what a name needs is imported when the name is first used.
 Whole scripts to copy are in the [examples](examples/README.md).
 
 | to … | use |
@@ -31,14 +31,15 @@ Whole scripts to copy are in the [examples](examples/README.md).
 Install it in your own environment from a checkout:
 
 ```sh
-pip install .                     # renders and plays; without plots, xarray, MIDI and OSC
+pip install .                     # renders and plays; without plots, xarray, MIDI ports and OSC
 pip install ".[plot]"             # Rendering.plot draws with matplotlib
 pip install ".[sweep]"            # run_sweep and read_sweep give an xarray.Dataset; run_sweep_rows needs no extra
 ```
 
-Python looks in the folder of your script first. A file `engine.py` or a folder `engine/` of yours there is imported in
-place of this package, and `engine.load` is then an `AttributeError`: rename yours. `print(engine.__file__)` shows which
-one it is. The command `fdh` works in such a folder, too; `python -m engine` does not.
+`fdh` is a name of the package `engine`, in which the sources are: `fdh.Scene is engine.Scene`, and every module of the
+one is that of the other. Scripts that say `import engine` go on working. Python looks in the folder of your script
+first: where a file `engine.py` or a folder `engine/` of yours is found there, `import fdh` names it and stops; rename
+yours. The command `fdh` works in such a folder, too; `python -m fdh` does not.
 """
 PLAYING = "read", "start", "wait", "close", "stop", "cross_fade_to", "render_into", "fetch_recording"
 EVENTS = "strike", "pluck", "lift", "damp", "set", "tune"
@@ -46,27 +47,27 @@ READINGS = "live_parameters", "refused", "strikers", "frame", "finished", "meter
 MADE_BY_FUNCTIONS = "Scene", "Parameter", "Rendering", "TraceArrays", "ContactSummary", "ErrorEstimate", "Page"
 # in the order of the page: where each name is imported from, and those of its methods and properties that are for users
 NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
-    "load": ("engine", ()),
-    "Scene": ("engine", ("parameters", "replace", "channels")),
-    "Parameter": ("engine.patch.parameters", ()),
-    "render": ("engine", ()),
-    "Rendering": ("engine", ("contacts", "silence", "page", "plot", "save")),
-    "TraceArrays": ("engine.offline.trace", ()),
-    "ContactSummary": ("engine.analysis.contact_summaries", ()),
-    "estimate_error": ("engine", ()),
-    "ErrorEstimate": ("engine", ()),
-    "features": ("engine.analysis.features", ()),
-    "run_sweep": ("engine", ()),
-    "run_sweep_rows": ("engine", ()),
-    "read_sweep": ("engine", ()),
-    "read_sweep_rows": ("engine", ()),
-    "Player": ("engine", (*PLAYING, *EVENTS, *READINGS)),
-    "AudioInput": ("engine", ()),
-    "export_page": ("engine", ()),
-    "Page": ("engine", ("save",)),
-    "PatchError": ("engine", ()),
-    "BuildError": ("engine", ()),
-    "PatchWarning": ("engine", ()),
+    "load": ("fdh", ()),
+    "Scene": ("fdh", ("parameters", "replace", "channels")),
+    "Parameter": ("fdh.patch.parameters", ()),
+    "render": ("fdh", ()),
+    "Rendering": ("fdh", ("contacts", "silence", "page", "plot", "save")),
+    "TraceArrays": ("fdh.offline.trace", ()),
+    "ContactSummary": ("fdh.analysis.contact_summaries", ()),
+    "estimate_error": ("fdh", ()),
+    "ErrorEstimate": ("fdh", ()),
+    "features": ("fdh.analysis.features", ()),
+    "run_sweep": ("fdh", ()),
+    "run_sweep_rows": ("fdh", ()),
+    "read_sweep": ("fdh", ()),
+    "read_sweep_rows": ("fdh", ()),
+    "Player": ("fdh", (*PLAYING, *EVENTS, *READINGS)),
+    "AudioInput": ("fdh", ()),
+    "export_page": ("fdh", ()),
+    "Page": ("fdh", ("save",)),
+    "PatchError": ("fdh", ()),
+    "BuildError": ("fdh", ()),
+    "PatchWarning": ("fdh", ()),
 }
 ARGUMENT = re.compile(r"([\w.]+(?:, [\w.]+)*): +(\S.*)")
 
@@ -89,7 +90,7 @@ def compose_page() -> str:
     """The page as Markdown."""
     parts = [INTRODUCTION]
     for name, value in documented():
-        heading = "##" if name.startswith("engine.") else "###"
+        heading = "##" if name.startswith("fdh.") else "###"
         parts.append(f"{heading} {name}\n\n{signature(name, value)}{as_markdown(inspect.getdoc(value) or '')}\n")
     return "\n".join(parts)
 

@@ -3,7 +3,7 @@
 import argparse
 import textwrap
 
-from bench.publish.report import ROOT
+from bench.publish.report import ROOT, read_table
 from engine.cli.arguments import ACCURACY_OPTIONS, CommandParser
 from engine.cli.main import DEFAULT, build_parser
 from engine.files import shipped_names
@@ -17,7 +17,7 @@ INTRODUCTION = """# The command line
 `uv run python -m bench cli` writes this page from the parsers, and a test compares them. `fdh COMMAND --help` shows
 the same text.
 
-The program is called `fdh`. In a checkout, `uv run fdh` runs it; `uv run render.py` and `python -m engine` are the same
+The program is called `fdh`. In a checkout, `uv run fdh` runs it; `uv run render.py` and `python -m fdh` are the same
 program. `fdh PATCH …` is short for `fdh render PATCH …`.
 
 PATCH is a file, or the name of a shipped patch, which works in any folder:
@@ -36,8 +36,11 @@ NOTES = {  # on what the options cannot say, under the table of a command
   colours can also be distinguished in greyscale print.
 - `--report` writes one HTML page with all plots, an audio player, the statistics, the enabled and disabled effects, and
   the patch.
-- `--midi` plays a MIDI file, and `--play` gives some of its parts to other patches:
-  [instruments](instruments.md).""",
+- `--midi` plays a MIDI file, or standard input if it is `-`, and `--play` gives some of its parts to other patches:
+  [instruments](instruments.md).
+- A file is written beside its name and then renamed, so that none is ever half-written. Links are followed, a file
+  keeps its mode, and one that is read-only is refused before anything is rendered; a named pipe or a device is sent the
+  whole file. Equal sounds are equal files, byte for byte. A WAV of more than 4 GiB becomes RF64.""",
     "play": """
 The space bar strikes, 1 to 9 strike softer or harder, `m` mutes, `q` ends. When a block comes close to its deadline,
 the engine reduces quality before the sound drops out; the energy stays exact at each quality.
@@ -46,25 +49,40 @@ library.""",
     "sweep": """
 ```sh
 uv run fdh sweep piano_c4 --vary contact.felt.stiffness=1e7..1e10:log:16 --vary body.hammer.velocity=1,2,4 -o felts/
-uv run fdh sweep piano_c4 --vary contact.felt.stiffness=1e7..1e10:log --random 100 --seed 1 -o felts/
+uv run fdh sweep piano_c4 --vary contact.felt.stiffness=1e7..1e10:log --random 100 --seed 1 -o any_felts/
 uv run fdh sweep piano --notes A0..C8/3 --velocities 8 --sfz -o set/
 ```
 
 A sweep writes one WAV file for each point, named by its values, all at one gain and using all cores, and `index.csv`
-with the values, pitch, decay, brightness, level, iterations and energy error of each. If it is interrupted, the same
+with the values, pitch, decay, brightness, level, iterations and energy error of each; `trusted`, 1 or 0, and the
+`reasons` why not; `unconverged`, how many contact solves did not converge, and how many of them were `capped` by the
+iteration limit. If it is interrupted, the same
 command continues it. A point that fails is recorded, and the others continue. `fdh params PATCH` lists the paths that
 can be varied. `--cluster ADDRESS` sends the points to a Dask scheduler (`uv sync --extra cluster`); workers with
 another version of the engine are listed and not used. `--notes` renders notes, and `--sfz` writes a key map for
 samplers:
-[a multisample set](instruments.md#a-multisample-set). From Python, `engine.run_sweep` renders a sweep, and
-`engine.read_sweep` reads one ([the Python interface](api.md)).""",
+[a multisample set](instruments.md#a-multisample-set). From Python, `fdh.run_sweep` renders a sweep, and
+`fdh.read_sweep` reads one ([the Python interface](api.md)).
+
+### Features of a sound
+
+[The Python interface](api.md#fdhanalysisfeaturesfeatures) says how each is computed. `centroid_hz` hears the attack,
+`strongest_hz` is the partial with the most energy, and `fundamental_hz` does not mind repeated strikes. `t60_s` is the
+slope between -5 and -25 dB, after the last strike if there are several; where it would be wrong, it is empty, and
+`t60_reason` says why. Two hundred synthetic sounds, whose features are known, have the errors of the table. The
+centroid is up to 3 % off below 35 Hz, and for a mode that begins at neither its zero nor its peak and falls by 60 dB
+within 200 periods.
+
+{features}""",
     "accuracy": """
 The reference is refined until it converges. [What accuracy costs](accuracy.md) explains the table and the verdict.""",
     "inspect": """
-The table has the modes, contacts, solver and cost of each island. The list after it says which effects are enabled or
-disabled in this scene, and why. For each [body that stretches](bodies.md#bodies-that-stretch) it says when its tension
-rose and when it was linear, and how far its tension rose at most. Each force of a bow on a string stands beside the
-limits within which that string can be played ([the force of a bow](friction.md#the-force-of-a-bow)).""",
+The table has the modes, contacts, solver and cost of each island. The worst case is the cost of its slowest block of
+256 samples, of two runs the faster; at 44.1 kHz, 22 676 ns per sample are real time. The list after it says which
+effects are enabled or disabled in this scene, and why. For each [body that
+stretches](bodies.md#bodies-that-stretch) it says when its tension rose and when it was linear, and how far its tension
+rose at most. Each force of a bow on a string stands beside the limits within which that string can be played ([the
+force of a bow](friction.md#the-force-of-a-bow)).""",
 }
 CONVENTIONS = """
 ## Output, errors and exit codes
@@ -87,7 +105,7 @@ CONVENTIONS = """
 | 0 | done |
 | 1 | a file could not be written, or standard output was closed or full (the files are complete then) |
 | 2 | bad input: an error in a patch, an option or a file |
-| 130 | interrupted by Ctrl-C |
+| 130 | interrupted by Ctrl-C; `fdh render` writes what was rendered by then, also of voices and mixes |
 | 128 + signal | `fdh play` was ended by another signal; the sound has faded out, and its files are written |
 
 ## Environment variables
@@ -126,7 +144,7 @@ def describe_command(parser: CommandParser) -> str:
     if len(listed) < len(arguments_of(parser)):
         lines += ["", "It also takes the [accuracy options](#accuracy-options)."]
     if notes := NOTES.get(parser.prog.rpartition(" ")[2]):
-        lines += [notes]
+        lines += [notes.replace("{features}", read_table("features")) if "{features}" in notes else notes]
     if parser.epilog:
         lines += ["", "```text", parser.epilog.rstrip(), "```"]
     return "\n".join(lines)

@@ -49,8 +49,7 @@ def publish(name: str, header: list[str], rows: list[list[str]], command: str = 
         writer.writerow([f"# {made}"])
         writer.writerow(header)
         writer.writerows(rows)
-    lines = ["| " + " | ".join(row) + " |" for row in [header, ["---"] * len(header), *rows]]
-    table = "\n".join([*lines, "", made])
+    table = compose_table(header, rows, made)
     print(table, end="\n\n")
     begin, end = f"<!-- bench:{name} -->", f"<!-- /bench:{name} -->"
     for page in (ROOT / "README.md", *(ROOT / "docs").glob("*.md")):
@@ -60,6 +59,19 @@ def publish(name: str, header: list[str], rows: list[list[str]], command: str = 
             shown = table if page.parent == ROOT else table.replace("](bench/", "](../bench/")
             page.write_text(f"{before}{begin}\n{shown}\n{end}{after}", "utf-8")
     stale.mark_pages()
+
+
+def compose_table(header: list[str], rows: list[list[str]], made: str) -> str:
+    """A table in Markdown, with its caption."""
+    lines = ["| " + " | ".join(row) + " |" for row in [header, ["---"] * len(header), *rows]]
+    return "\n".join([*lines, "", made])
+
+
+def read_table(name: str) -> str:
+    """A table in Markdown, as it was published last, from its CSV."""
+    with open(RESULTS / f"{name}.csv", newline="", encoding="utf-8") as file:
+        (made,), header, *rows = csv.reader(file)
+    return compose_table(header, rows, made.removeprefix("# "))
 
 
 def pin() -> None:

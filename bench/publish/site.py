@@ -1,5 +1,5 @@
-"""`uv run python -m bench site [FOLDER] [--play]`: the guides as a static site, in build/site if no folder is given.
-With --play, the patches play on it: the gallery links a page for each (bench/publish/playable.py).
+"""`uv run --group docs python -m bench site [FOLDER] [--play]`: the guides as a static site, in build/site if no
+folder is given. With --play, the patches play on it: the gallery links a page for each (bench/publish/playable.py).
 
 README.md is its front page, and all of docs/*.md is in it, with the files that they link to: pictures and sounds as
 they are, sources and notebooks as pages. A link or an anchor that leads nowhere stops the build. The site loads nothing
@@ -120,7 +120,7 @@ def write_math_font(path: Path) -> None:
 
     package = find_spec("ziamath")
     if package is None or package.origin is None:
-        raise ModuleNotFoundError("ziamath, which brings the font of formulas: uv sync installs it")
+        raise ModuleNotFoundError("ziamath, which brings the font of formulas: uv sync --group docs installs it")
     options = subset.Options(layout_features=["*"], name_IDs=["*"], flavor="woff")
     font = subset.load_font(str(Path(package.origin).parent / "fonts" / "STIXTwoMath-Regular.ttf"), options)
     subsetter = subset.Subsetter(options)

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from bench.recordings.measure import onset
 from bench.recordings.partials import Partials
@@ -55,7 +55,7 @@ def follow(audio: np.ndarray, rate: float, frequency: float, fundamental: float)
     begin = int(np.argmax(level[seconds <= RISE_SECONDS]))
     length = 1 + 2 * round(SMOOTH_SECONDS / 2 / seconds[1]) if len(seconds) > 1 else 1
     least = np.maximum(beside + NOISE_DB, level.max() - DEPTH_DB)
-    lost = np.flatnonzero(median_filter(level - least, length, mode="nearest")[begin:] < 0)
+    lost = np.flatnonzero(scipy.ndimage.median_filter(level - least, length, mode="nearest")[begin:] < 0)
     end = begin + int(lost[0]) if len(lost) else len(level)
     return seconds[begin:end] - seconds[begin], level[begin:end]
 

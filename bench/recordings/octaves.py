@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from bench.recordings.decay import DEPTH_DB, LEAST_SLOPE, SMOOTH_SECONDS
 from bench.recordings.decay import SECONDS as DECAY_SECONDS
@@ -46,7 +46,7 @@ def clear_frames(levels: np.ndarray, audio: np.ndarray, rate: float) -> np.ndarr
 def frames_above(levels: np.ndarray, least: np.ndarray) -> np.ndarray:
     """Frames that each octave stays above a level, a beat's trough aside [octaves]. levels: dB [frames, octaves]"""
     length = 1 + 2 * round(SMOOTH_SECONDS / 2 / DECAY_FRAMES.hop)
-    below = median_filter(levels - least, (length, 1), mode="nearest") < 0
+    below = scipy.ndimage.median_filter(levels - least, (length, 1), mode="nearest") < 0
     return np.where(below.any(axis=0), below.argmax(axis=0), len(levels))
 
 

@@ -113,5 +113,5 @@ def run(names: list[str]) -> int:
             print(*row, sep=" | ", file=sys.stderr)
             rows.append(row)
     if not names:
-        publish("recordings_others", header, rows)
+        publish("recordings_others", header, rows, "recordings")
     return 0

@@ -21,6 +21,7 @@ ORDER = 32
 TOLERANCE = 1e-20  # the last terms of a series, and what a force could have moved before it is on: share of momentum
 MAX_APPROACH = 0.6  # share of the way to s = 0 in a step
 GRID = np.linspace(0, 1, 49).astype(Real)
+INSTANT = 1e-12  # of a sample: events nearer to each other than this are at one instant
 
 
 class Arrays(NamedTuple):
@@ -271,7 +272,8 @@ def change(status: np.ndarray, point: Point, column: int) -> None:
 
 
 def solve_by_series(problem: Problem) -> tuple[np.ndarray, np.ndarray, int]:
-    """Displacement [frames + 1], m, and force [frames], N (engine.problems.problem), and the number of events."""
+    """Displacement [frames + 1], m, and force [frames], N (engine.problems.problem), and the number of events
+    (EventCount)."""
     q, p = problem.q.astype(Real), problem.p.astype(Real)
     sample, frames, pickup = 1 / Real(problem.samplerate), problem.frames, problem.pickup.astype(Real)
     scale = momentum_scale(problem)
@@ -280,7 +282,7 @@ def solve_by_series(problem: Problem) -> tuple[np.ndarray, np.ndarray, int]:
     status = np.where(s > arrays.onset, np.where(1 + arrays.loss * speed > 0, PRESSING, SLACK), OPEN)
     nothing = np.zeros(len(arrays.rubbed), Real)
     point = Point(nothing, nothing, np.zeros(nothing.size, int))
-    displacement, impulse, events = np.empty(frames + 1, Real), np.zeros(frames + 1, Real), 0
+    displacement, impulse, events = np.empty(frames + 1, Real), np.zeros(frames + 1, Real), EventCount(sample)
     displacement[0] = pickup @ q
     frame, elapsed, idle = 0, Real(0), 0  # where the motion is: time since the frame began, s
     degree = np.arange(ORDER + 1)
@@ -290,8 +292,8 @@ def solve_by_series(problem: Problem) -> tuple[np.ndarray, np.ndarray, int]:
         late = np.flatnonzero((changes[0] > 0) & (changes[1] > 0))  # two events at once
         late = late[late < 2 * status.size]  # of a bristle, only rounding is above 0
         if late.size:
-            change(status, point, int(late[0]))
-            events, idle = events + 1, idle + 1
+            events.change(status, point, int(late[0]))
+            idle += 1
             assert idle < 100, f"{problem.title}: stuck in frame {frame}"
             continue
         idle = 0
@@ -312,10 +314,30 @@ def solve_by_series(problem: Problem) -> tuple[np.ndarray, np.ndarray, int]:
             impulse[frame] += h * (powers / (degree + 1)) @ series.force - begun
         q, p, elapsed = powers @ series.q, powers @ series.p, elapsed + h
         point = Point(powers @ series.rub.bend, powers @ series.rub.remembered, point.side)
+        events.since += h
         if event is not None:
-            change(status, point, event[1])
-            events += 1
-    return displacement, impulse[:frames] / sample, events
+            events.change(status, point, event[1])
+    return displacement, impulse[:frames] / sample, events.count
+
+
+class EventCount:
+    """Counts events by what they change: a contact or a point of friction that is after an instant what it was before
+    has none there. Where a bristle begins to stick, rounding may let it slide and stick again at once.
+
+    sample: s
+    """
+
+    def __init__(self, sample: np.floating) -> None:
+        self.count, self.since, self.instant = 0, Real(np.inf), INSTANT * sample
+        self.earlier, self.before = 0, np.empty(0)  # the count and the states before the last instant
+
+    def change(self, status: np.ndarray, point: Point, column: int) -> None:
+        """Let the event of a column of `excesses` happen, `since` s after the last one."""
+        if self.since > self.instant:
+            self.earlier, self.before = self.count, np.concatenate([status, point.side])
+            self.since = Real(0)
+        change(status, point, column)
+        self.count = self.earlier + int(np.sum(np.concatenate([status, point.side]) != self.before))
 
 
 def momentum_scale(problem: Problem) -> np.floating:

@@ -12,18 +12,18 @@ from pathlib import Path
 
 import numpy as np
 
-import engine
+import fdh
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
 folder.mkdir(parents=True, exist_ok=True)
-scene, seconds = engine.load("piano_c4"), 0.1
-reference = engine.render(scene, seconds, order=6, substeps=16).audio
+scene, seconds = fdh.load("piano_c4"), 0.1
+reference = fdh.render(scene, seconds, order=6, substeps=16).audio
 settings = [{"scheme": "exact", "order": order, "substeps": n} for order in (2, 4) for n in (1, 2, 4)]
 settings += [{"scheme": "fdh", "oversample": n} for n in (1, 4, 16)]
 
 rows = []
 for setting in settings:
-    renderings = [engine.render(scene, seconds, **setting) for _ in range(3)]
+    renderings = [fdh.render(scene, seconds, **setting) for _ in range(3)]
     rendering = min(renderings, key=lambda one: one.stats.ns_per_sample)  # the machine may be busy for a moment
     error = float(np.sqrt(np.mean((rendering.audio - reference) ** 2) / np.mean(reference**2)))
     chosen = {name: rendering.stats.accuracy[name] for name in ("scheme", "order", "substeps", "oversample")}

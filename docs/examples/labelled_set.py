@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import soundfile
 
-import engine
+import fdh
 
 RATE = 16_000
 VARIED = {
@@ -22,7 +22,7 @@ VARIED = {
     "body.hammer.velocity": [1.0, 2.0, 4.0],
 }
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else "labelled_set")
-rows = engine.run_sweep_rows(engine.load("piano_c4"), VARIED, folder, seconds=0.5, samplerate=RATE)
+rows = fdh.run_sweep_rows(fdh.load("piano_c4"), VARIED, folder, seconds=0.5, samplerate=RATE)
 done = [row for row in rows if row["status"] == "done"]
 sounds = [soundfile.read(folder / row["file"], dtype="float32", always_2d=True)[0][:, 0] for row in done]
 gains = [10 ** (row["gain_db"] / 20) for row in done]  # of the files, on SI units

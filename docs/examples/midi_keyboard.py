@@ -13,15 +13,15 @@ import sys
 
 import mido
 
-import engine
-from engine.live.key_allocator import KeyAllocator, live_scene
-from engine.live.midi_notes import parse_message
-from engine.live.mpe import MpeZones
+import fdh
+from fdh.live.key_allocator import KeyAllocator, live_scene
+from fdh.live.midi_notes import parse_message
+from fdh.live.mpe import MpeZones
 
-instrument = engine.load(sys.argv[1] if len(sys.argv) > 1 else "kalimba_keys")
-loudest = engine.render(instrument, seconds=1.0).stats.peak  # of its own notes, in SI units
+instrument = fdh.load(sys.argv[1] if len(sys.argv) > 1 else "kalimba_keys")
+loudest = fdh.render(instrument, seconds=1.0).stats.peak  # of its own notes, in SI units
 scene = live_scene(instrument)  # all keys at rest
-player = engine.Player(scene, seconds=math.inf, gain=0.3 / loudest, waiting=True)
+player = fdh.Player(scene, seconds=math.inf, gain=0.3 / loudest, waiting=True)
 keys, zones = KeyAllocator(player), MpeZones(scene.midi)
 port = mido.open_input(sys.argv[2] if len(sys.argv) > 2 else None)
 with player, port, contextlib.suppress(KeyboardInterrupt):

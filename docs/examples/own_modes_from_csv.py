@@ -8,7 +8,7 @@ Reads glass.csv in the folder, and writes it first if it is not there; writes ow
 import sys
 from pathlib import Path
 
-import engine
+import fdh
 
 MODES = """frequency,t60,rim,wall
 523.0,2.8,9.1,6.2
@@ -26,7 +26,7 @@ glass = {"name": "glass", "kind": "modes", "file": str(modes)}
 spoon = {"name": "spoon", "kind": "mass", "mass": 0.01, "displacement": -1e-3, "velocity": 0.5}
 touch = {"name": "touch", "body": "spoon", "on": "glass", "on_at": "rim", "stiffness": 1e8, "exponent": 1.5}
 ear = {"body": "glass", "at": "wall", "quantity": "velocity"}
-scene = engine.load({"body": [glass, spoon], "contact": [touch], "pickup": [ear]})
-rendering = engine.render(scene, seconds=2.0, order=4, trace=True)
+scene = fdh.load({"body": [glass, spoon], "contact": [touch], "pickup": [ear]})
+rendering = fdh.render(scene, seconds=2.0, order=4, trace=True)
 print(rendering.contacts["touch"])
 rendering.save(folder / "own_modes_from_csv.wav")

@@ -12,12 +12,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-import engine
+import fdh
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
 folder.mkdir(parents=True, exist_ok=True)
-scene = engine.load("piano_c4").replace({"body.hammer.velocity": 4.0, "contact.felt.loss": 0.3})
-rendering = engine.render(scene, seconds=2.0, order=4, trace=True)
+scene = fdh.load("piano_c4").replace({"body.hammer.velocity": 4.0, "contact.felt.loss": 0.3})
+rendering = fdh.render(scene, seconds=2.0, order=4, trace=True)
 rendering.save(folder / "render_and_plot.wav")  # normalised to -1 dBFS
 felt, trace = rendering.contacts["felt"], rendering.trace
 print(felt)

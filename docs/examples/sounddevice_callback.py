@@ -13,12 +13,12 @@ import numpy as np
 import sounddevice
 import soundfile
 
-import engine
+import fdh
 
 RATE = 44_100
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
 folder.mkdir(parents=True, exist_ok=True)
-player, played = engine.Player(engine.load("tanpura"), RATE, math.inf), []
+player, played = fdh.Player(fdh.load("tanpura"), RATE, math.inf), []
 
 
 def fill_block(out, frames, time, status):

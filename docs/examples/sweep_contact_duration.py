@@ -13,14 +13,14 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-import engine
+import fdh
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
 folder.mkdir(parents=True, exist_ok=True)
-scene, rows = engine.load("piano_c4"), []
+scene, rows = fdh.load("piano_c4"), []
 for stiffness in np.geomspace(1e8, 1e11, 13).tolist():
     changed = scene.replace("contact.felt.stiffness", stiffness)
-    rendering = engine.render(changed, seconds=0.02, order=4, trace=True)
+    rendering = fdh.render(changed, seconds=0.02, order=4, trace=True)
     rows.append({"stiffness": stiffness} | rendering.contacts["felt"].as_dict())
 with open(folder / "sweep_contact_duration.csv", "w", newline="", encoding="utf-8") as file:
     writer = csv.DictWriter(file, rows[0])

@@ -35,8 +35,8 @@ class ContactSummary(Statistics):
 
     A touch that goes on at the end of the rendering lasts until that end.
 
-    >>> import engine
-    >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5, trace=True)
+    >>> import fdh
+    >>> rendering = fdh.render(fdh.load("bouncing_ball"), seconds=0.5, trace=True)
     >>> rendering.contacts["contact.0"]
     ContactSummary(first_touch=0.201928 s, first_duration=0.0125723 s, duration=0.0125723 s, impulse=4.08515 N·s,
         peak_force=1024.17 N, peak_compression=0.01006 m, touches=1)

@@ -1,6 +1,7 @@
 """Profile of a scene: what was built of it, what was left out and why, and what each island costs."""
 
 import hashlib
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,14 +13,17 @@ from engine.analysis.bowing import describe_friction
 from engine.assembly.build import build
 from engine.assembly.layout import Layout
 from engine.assembly.subsystems import estimate_cost
-from engine.assembly.table_changes import scored_exchanges
+from engine.assembly.table_changes import scored_tables
 from engine.bodies import MeasuredBody
 from engine.compiler.kinds import kind_of
 from engine.compiler.struct_handle import StructHandle
+from engine.kernel.data.axes import map_arrays
 from engine.kernel.data.enums import FLIGHT_FRAMES, Energies, Ledger, Sleep
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
 from engine.offline.effects import EFFECTS
+from engine.offline.large_motion import LargeMotion, MotionRecord
+from engine.offline.recorder import Recorder
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import Activity
 from engine.offline.statistics_base import Statistics
@@ -30,7 +34,11 @@ from engine.patch.scene import Scene
 from engine.runtime.job_memory import RENDER_USE, block_output
 from engine.runtime.kernel_choice import prepare
 
-TIMED_CHUNK_FRAMES = 4096
+TIMED_BLOCK_FRAMES = 256  # of which the slowest is the worst case: a usual block of live sound
+TIMED_RUNS = 2  # of each block: what else the machine does seldom slows both
+TIMED_EMPTY_CALLS = 10  # of which the fastest is what a call costs
+BLOCKS_PER_REPORT = 16  # of progress
+MOTION_BLOCK_FRAMES = 4096
 
 SOLVER_NAMES = {0: "none", 1: "scalar"}  # by contact points of an island; more have a vector solver
 REASONS_LEFT_OUT = {
@@ -64,9 +72,9 @@ class IslandProfile(Statistics):
     solver: str
     energy: float  # J, that its bodies begin with
     activity: Activity
-    ns_expected: float  # in contact
+    ns_expected: float  # a rough number by modes and contacts, which islands are shared out among cores by
     ns_mean: float
-    ns_busiest: float  # mean of the slowest chunk
+    ns_busiest: float  # of the slowest block of TIMED_BLOCK_FRAMES
 
 
 @dataclass(frozen=True)
@@ -99,8 +107,10 @@ def profile_scene(
     settings = scene.accuracy.replace(**accuracy)
     model, state, layout = build(scene, samplerate, settings, seconds, one_partition_per_island=True)
     channels = scene.channels
-    mean, worst = _measure_costs(model, state, frame_count(seconds, samplerate), channels, progress)
-    record = None if model.tension is None else _record_stretching(scene, settings, seconds, samplerate)
+    mean, worst, energy = _measure_costs(model, state, frame_count(seconds, samplerate), channels, progress)
+    motion, stretching = None, None
+    if model.tension is not None or LargeMotion(model, state, layout).may_be_large(energy):
+        motion, stretching = _record_motion(scene, settings, seconds, samplerate)
     return Profile(
         kernel=kernel_id(model, state),
         islands=[_profile_island(layout, model, state, n, mean[n], worst[n]) for n in range(mean.size)],
@@ -109,8 +119,8 @@ def profile_scene(
             for name, find in EFFECTS.items()
         },
         contacts_left_out=_contacts_left_out(layout),
-        stretching=[] if record is None else record.statistics(samplerate),
-        warnings=[] if record is None else record.warnings(samplerate),
+        stretching=[] if stretching is None else stretching.statistics(samplerate),
+        warnings=[] if motion is None else motion.warnings(samplerate),
         friction=describe_friction(layout, model),
     )
 
@@ -122,39 +132,68 @@ def kernel_id(model: Model, state: State) -> str:
 
 def _measure_costs(
     model: Model, state: State, frames: int, channels: int, progress: Callable[[float], None] | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Time of each island, ns per sample [islands]: its mean, and that of its slowest chunk."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Time of each island, ns per sample [islands]: its mean, and that of its slowest block; and its largest energy, J,
+    each part of it without sign. Of each block, the faster of TIMED_RUNS counts, without the cost of its call."""
     count = model.islands.partition.size - 1
-    audio, ledger = np.zeros((TIMED_CHUNK_FRAMES, channels)), np.zeros((len(Ledger), TIMED_CHUNK_FRAMES))
+    times, energy = np.full((math.ceil(frames / TIMED_BLOCK_FRAMES), count), np.inf), np.zeros(count)
+    for run in range(TIMED_RUNS):
+        begun = state if run == TIMED_RUNS - 1 else map_arrays(lambda array, items: array.copy(), state)
+        share = None if progress is None else lambda done, run=run: progress((run + done) / TIMED_RUNS)
+        taken, energy = _time_blocks(model, begun, frames, channels, share)
+        times = np.minimum(times, taken)
+    lengths = np.full(len(times), TIMED_BLOCK_FRAMES)
+    lengths[-1] = frames - TIMED_BLOCK_FRAMES * (len(times) - 1)
+    return times.sum(axis=0) / frames, (times / lengths[:, None]).max(axis=0), energy
+
+
+def _time_blocks(
+    model: Model, state: State, frames: int, channels: int, progress: Callable[[float], None] | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Time of each block of each island, ns [blocks, islands], and the largest energy of each island, J [islands]."""
+    count = model.islands.partition.size - 1
+    audio, ledger = np.zeros((TIMED_BLOCK_FRAMES, channels)), np.zeros((len(Ledger), TIMED_BLOCK_FRAMES))
     (model_handle,), state_handle = prepare([model], state, [RENDER_USE]).handles()
     handles = model_handle, state_handle, StructHandle(block_output(audio, ledger, Energies.AT_EACH_SAMPLE))
     render_block = RENDER_USE.kernel.callable(handles[0].kind, handles[1].kind, *RENDER_USE.others)
     addresses = [handle.address for handle in handles]
-    total, worst = np.zeros(count), np.zeros(count)
-    for begin in range(0, frames, TIMED_CHUNK_FRAMES):
-        if progress is not None:
-            progress(begin / frames)
-        length = min(TIMED_CHUNK_FRAMES, frames - begin)
+
+    def time_block(n: int, length: int) -> float:
+        start = time.perf_counter()
+        render_block(*addresses, n, length)
+        return (time.perf_counter() - start) * 1e9
+
+    if progress is not None:
+        progress(0.0)
+    call = min(time_block(0, 0) for _ in range(TIMED_EMPTY_CALLS))
+    times, energy = np.zeros((math.ceil(frames / TIMED_BLOCK_FRAMES), count)), np.zeros(count)
+    for row, begin in enumerate(range(0, frames, TIMED_BLOCK_FRAMES)):
+        length = min(TIMED_BLOCK_FRAMES, frames - begin)
         for n in range(count):
-            start = time.perf_counter()
-            render_block(*addresses, n, length)
-            elapsed = (time.perf_counter() - start) * 1e9
-            total[n] += elapsed
-            worst[n] = max(worst[n], elapsed / length)
-    return total / max(1, frames), worst
+            times[row, n] = max(1.0, time_block(n, length) - call)
+            energy[n] = max(energy[n], float(ledger[Ledger.ABSOLUTE, :length].max()))
+        if progress is not None and row % BLOCKS_PER_REPORT == 0:
+            progress(begin / frames)
+    return times, energy
 
 
-def _record_stretching(scene: Scene, settings: Accuracy, seconds: float, samplerate: int) -> StretchingRecord:
-    """Render a scene once more, in short blocks, to see when its bodies stretch."""
+def _record_motion(
+    scene: Scene, settings: Accuracy, seconds: float, samplerate: int
+) -> tuple[LargeMotion, StretchingRecord | None]:
+    """Render a scene once more, in short blocks, to see how far its bodies move, and when they stretch."""
     model, state, layout = built = build(scene, samplerate, settings, seconds)
-    exchanges = scored_exchanges(scene, built, accuracy=settings, seconds=seconds)
-    simulation = Simulation(model, state, measure_energy=False, exchanges=exchanges)
-    record = StretchingRecord(simulation, state, layout, FLIGHT_FRAMES)
-    audio = np.zeros((TIMED_CHUNK_FRAMES, scene.channels))
+    tables = scored_tables(scene, built, accuracy=settings, seconds=seconds)
+    simulation = Simulation(model, state, measure_energy=False, tables=tables)
+    motion = LargeMotion(model, state, layout)
+    record: Recorder = MotionRecord(simulation, motion)
+    stretching = None
+    if state.tension is not None:
+        record = stretching = StretchingRecord(record, state, layout, FLIGHT_FRAMES)
+    audio = np.zeros((MOTION_BLOCK_FRAMES, scene.channels))
     frames = frame_count(seconds, samplerate)
-    for begin in range(0, frames, TIMED_CHUNK_FRAMES):
+    for begin in range(0, frames, MOTION_BLOCK_FRAMES):
         record.render_block(audio[: frames - begin])
-    return record
+    return motion, stretching
 
 
 def _profile_island(layout: Layout, model: Model, state: State, n: int, mean: float, worst: float) -> IslandProfile:

@@ -44,7 +44,10 @@ def first_moving_string(scene: Scene, rendering: "RenderedArrays") -> tuple[int,
     heard = {pickup.body for pickup in scene.pickup}
     lines = [number for number, body in enumerate(scene.body) if isinstance(body, String)]
     lines = lines or [n for n, body in enumerate(scene.body) if isinstance(body, LineBody) and body.name in heard]
-    if rendering.trace is None or not lines:
+    if rendering.trace is None:
+        return None
+    lines = [number for number in lines if rendering.trace["positions"][number] != ""]
+    if not lines:
         return None
     peaks = np.abs(rendering.trace["displacement"][:, lines]).max(axis=0)
     moving = np.flatnonzero((peaks > 0.0) & (peaks >= MIN_SHARE * peaks.max()))

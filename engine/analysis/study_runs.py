@@ -1,13 +1,14 @@
 """The runs of a work-precision study: of a scene with probes, for errors, and as it is, for costs."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from engine.analysis.finer_scene import FinerScene
 from engine.analysis.other_methods import TIMED_RUNS
-from engine.analysis.study_progress import StudyProgress, stages_of
+from engine.analysis.study_progress import StudyProgress, StudyRun, study_run
 from engine.assembly.build import build
-from engine.assembly.table_changes import scored_exchanges
+from engine.assembly.table_changes import scored_tables
 from engine.bodies import Mass, Oscillator
 from engine.kernel.data.enums import EventKind
 from engine.kernel.data.model import Model
@@ -20,6 +21,7 @@ from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_CHANNELS
 
+REFERENCE_RATE = 4  # times the sample rate, where that refines anything
 TIMED_EMPTY_CALLS = 10  # of which the fastest is what a call costs
 
 
@@ -39,23 +41,47 @@ class StudyRuns:
         self.scene, self.seconds, self.samplerate, self.progress = scene, seconds, samplerate, progress
         self.probed, self.columns = add_probes(scene)
         self.frames = frame_count(seconds, samplerate)
+        self.finer = FinerScene.of(
+            self.probed, seconds, samplerate, scene.accuracy.replace(oversample=1), REFERENCE_RATE
+        )
+        self._kernels: dict[Any, Any] = {}  # that have to be compiled, by what they differ in
 
-    def run(self, phase: str, accuracy: Accuracy, perturbation: float = 0.0) -> Run:
-        """Run the scene with probes; perturbation: relative, of all that it begins with."""
-        with self.progress.run(phase, stages_of(accuracy)):
-            model, state, _ = built = build(self.probed, self.samplerate * accuracy.oversample, accuracy, self.seconds)
-            if perturbation:
-                _perturb(model, state, perturbation)
-            exchanges = scored_exchanges(self.probed, built, accuracy=accuracy, seconds=self.seconds)
-            simulation = Simulation(model, state, exchanges=exchanges)
-            fine = self.frames * accuracy.oversample
+    def planned(self, accuracy: Accuracy) -> StudyRun:
+        """The run of a setting. The first of each kernel is built, to see whether that is there."""
+        is_composed = accuracy.order > 2 or accuracy.substeps > 1
+        effects = accuracy.order > 2, is_composed, accuracy.max_error is None, accuracy.precision
+        if effects not in self._kernels:
+            simulation, _ = self._build(accuracy)
+            self._kernels[effects] = None if simulation.is_compiled else simulation.kinds
+        return study_run(accuracy, self._kernels[effects])
+
+    def _build(
+        self, accuracy: Accuracy, perturbation: float = 0.0, is_reference: bool = False
+    ) -> tuple[Simulation, np.ndarray]:
+        """The simulation of the scene with probes at a setting, and no frames of its output."""
+        scene, factor = (self.finer.scene, self.finer.factor) if is_reference else (self.probed, accuracy.oversample)
+        model, state, _ = built = build(scene, self.samplerate * factor, accuracy, self.seconds)
+        if perturbation:
+            _perturb(model, state, perturbation)
+        tables = scored_tables(scene, built, accuracy=accuracy, seconds=self.seconds)
+        return Simulation(model, state, tables=tables), np.zeros((0, self.probed.channels))
+
+    def run(self, phase: str, accuracy: Accuracy, perturbation: float = 0.0, is_reference: bool = False) -> Run:
+        """Run the scene with probes; perturbation: relative, of all that it begins with; is_reference: at a higher rate
+        where that refines anything"""
+        with self.progress.run(phase, study_run(accuracy)):
+            simulation, nothing = self._build(accuracy, perturbation, is_reference)
+            self._compile(simulation, nothing)
+            fine = self.frames * (self.finer.factor if is_reference else accuracy.oversample)
             out = np.zeros((fine + decimation_tail(accuracy.oversample), self.probed.channels))
-            self._compile(simulation, out[:0])
             simulation.render_block(out[:fine])
             stats = simulation_statistics(simulation)
             if accuracy.oversample > 1:
                 simulation.render_block(out[fine:])
-                out = decimate(out, accuracy.oversample, self.frames)
+        if accuracy.oversample > 1:  # the first time, which loads SciPy, says nothing of other runs
+            out = decimate(out, accuracy.oversample, self.frames)
+        elif is_reference:
+            out = self.finer.thin_out(out)
         forces, velocities = self.columns
         return Run(out[:, :forces], out[:, forces:velocities], out[:, velocities:], stats)
 
@@ -65,9 +91,11 @@ class StudyRuns:
         out = np.zeros((self.frames * accuracy.oversample, self.scene.channels))
         best = np.inf
         for _ in range(TIMED_RUNS):
-            with self.progress.run(phase, stages_of(accuracy)):
-                model, state, _ = build(self.scene, self.samplerate * accuracy.oversample, accuracy, self.seconds)
-                simulation = Simulation(model, state)
+            with self.progress.run(phase, study_run(accuracy)):
+                rate = self.samplerate * accuracy.oversample
+                model, state, _ = built = build(self.scene, rate, accuracy, self.seconds)
+                tables = scored_tables(self.scene, built, accuracy=accuracy, seconds=self.seconds)
+                simulation = Simulation(model, state, tables=tables)
                 self._compile(simulation, out[:0])
                 call = min(time_block(simulation, out[:0]) for _ in range(TIMED_EMPTY_CALLS))
                 best = min(best, time_block(simulation, out) - call)
@@ -111,3 +139,4 @@ def _perturb(model: Model, state: State, by: float) -> None:
         model.force.tail[:] *= 1 + by
     if model.events is not None:
         model.events.value2[model.events.kind == EventKind.STRIKE] *= 1 + by
+        model.events.value[model.events.kind == EventKind.PLUCK] *= 1 + by

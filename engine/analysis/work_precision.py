@@ -6,7 +6,7 @@ alone (engine.analysis.metrics).
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +23,7 @@ from engine.analysis.metrics import (
 )
 from engine.analysis.other_methods import TIMED_RUNS, MethodResult, compare_methods
 from engine.analysis.silence import explain_silence
-from engine.analysis.study_progress import Report, StudyProgress, stages_of
+from engine.analysis.study_progress import Report, StudyProgress, study_run
 from engine.analysis.study_runs import Run, StudyRuns
 from engine.assembly.build import build
 from engine.faults import BuildError
@@ -79,6 +79,7 @@ class WorkPrecisionStudy(Statistics):
     spread_db: float | None = None
     first_contact_ms: float | None = None
     rebound: float | None = None  # m/s
+    left_out: list[str] = field(default_factory=list)  # names of errors that the reference has too
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +100,8 @@ class Reference(NamedTuple):
     perturbed: Run  # the same, begun a little off
 
 
-def settings_ladder(order_2_only: bool) -> list[Setting]:
-    """The settings that a scene is tried at, coarse to fine."""
+def settings_ladder(order_2_only: bool, has_table_changes: bool = False) -> list[Setting]:
+    """The settings that a scene is tried at, coarse to fine. Tables of single precision cannot be changed."""
     rungs = [Setting("fdh", {"scheme": "fdh", "order": 2, "substeps": 1})]
     for order, substeps in ORDER_2_LADDER if order_2_only else LADDER:
         rungs.append(Setting(f"order {order}, {substeps} ×", {"order": order, "substeps": substeps}))
@@ -108,7 +109,8 @@ def settings_ladder(order_2_only: bool) -> list[Setting]:
         changes = {"order": 2, "substeps": 1, "max_error": error, "max_substeps": MAX_CHOSEN_STEPS}
         rungs.append(Setting(f"max error {error:.0e}".replace("e-0", "e-"), changes))
     rungs.append(Setting("oversample 2", {"order": 2, "substeps": 1, "oversample": 2}))
-    rungs.append(Setting("float32 modes", {"order": 2, "substeps": 1, "precision": "float32"}))
+    if not has_table_changes:
+        rungs.append(Setting("float32 modes", {"order": 2, "substeps": 1, "precision": "float32"}))
     return rungs
 
 
@@ -129,17 +131,19 @@ def measure_work_precision(
         report(0.0, "building", None)
     base = scene.accuracy.replace(scheme="exact", oversample=1, precision="float64", silence=-np.inf, iterations=200)
     order_2_only = _allows_order_2_only(scene, samplerate, base)
-    ladder = settings_ladder(order_2_only)
+    changes_tables = any(getattr(event, "parameter", None) for event in scene.event)
+    ladder = settings_ladder(order_2_only, changes_tables)
     used = {setting: base.replace(**setting.changes) for setting in ladder}
     references = _reference_settings(scene, order_2_only, base)
-    planned = [stages_of(accuracy) for accuracy in used.values() for _ in range(1 + TIMED_RUNS)]
-    progress = StudyProgress(report, planned + [stages_of(accuracy) for accuracy in references for _ in range(2)])
+    progress = StudyProgress(report)
     study_runs = StudyRuns(scene, seconds, samplerate, progress)
+    progress.plan(study_runs.planned(accuracy) for accuracy in used.values() for _ in range(1 + TIMED_RUNS))
+    progress.plan(study_runs.planned(accuracy) for accuracy in references for _ in range(2))
     plain, *others = sorted(ladder, key=lambda setting: setting is not ladder[1])  # one step of order 2 per sample
     done = {plain: study_runs.run(plain.name, used[plain])}
     if reason := _explain_unmeasurable(scene, done[plain], seconds, samplerate):
         return _empty_study(seconds, samplerate, reason)
-    for setting in sorted(others, key=lambda setting: -stages_of(used[setting])):  # the dearest shows the times to come
+    for setting in sorted(others, key=lambda setting: study_runs.planned(used[setting]).urgency):
         done[setting] = study_runs.run(setting.name, used[setting])
     reference = _find_reference([done[setting] for setting in ladder], references, study_runs)
     rows = []
@@ -163,15 +167,16 @@ def measure_work_precision(
         others=compare_methods(scene, finest.audio[:, 0], samplerate, frames),
         unmeasured=None,
         verdict="",
+        left_out=study_runs.finer.left_out,
     )
     return replace(study, verdict=summarise(study))
 
 
 def _mark_pareto_optimal(rows: list[SettingResult]) -> list[SettingResult]:
-    """The same results, each with whether no other is both more accurate and faster."""
+    """The same results, each with whether no other is faster and no less accurate."""
 
     def is_optimal(row: SettingResult) -> bool:
-        return not any(other.error < row.error and other.ns_per_sample < row.ns_per_sample for other in rows)
+        return not any(other.error <= row.error and other.ns_per_sample < row.ns_per_sample for other in rows)
 
     return [replace(row, front=is_optimal(row)) for row in rows]
 
@@ -256,16 +261,21 @@ def _reference_settings(scene: Scene, order_2_only: bool, base: Accuracy) -> lis
 
 def _find_reference(runs: list[Run], settings: list[Accuracy], study_runs: StudyRuns) -> Reference:
     """Refine until two references differ by less than the smallest error of the runs of the ladder, or settings end."""
-    previous = runs[-3]  # the finest of the ladder
+    # the finest of the ladder, unless a reference is refined in what no setting of the ladder is
+    previous = None if study_runs.finer.is_refined else runs[-3]
     for number, accuracy in enumerate(settings):
         name = f"order {accuracy.order}, {accuracy.substeps} ×"
-        finest = study_runs.run(f"refining the reference: {name}", accuracy)
-        perturbed = study_runs.run(f"refining the reference: {name}, perturbed", accuracy, PERTURBATION)
-        frames = min(horizon(finest.audio, other.audio, study_runs.samplerate) for other in (perturbed, previous))
+        finest = study_runs.run(f"refining the reference: {name}", accuracy, is_reference=True)
+        perturbed = study_runs.run(f"refining the reference: {name}, perturbed", accuracy, PERTURBATION, True)
+        others = [perturbed, previous or perturbed]
+        frames = min(horizon(finest.audio, other.audio, study_runs.samplerate) for other in others)
+        if previous is None:
+            previous = finest
+            continue
         disagreement = relative_rms_error(previous.audio, finest.audio, frames)
         smallest = min(relative_rms_error(run.audio, finest.audio, frames) for run in runs)
         if frames > 0 and disagreement <= REFERENCE_AGREEMENT * smallest:
-            study_runs.progress.drop(stages_of(accuracy) for accuracy in settings[number + 1 :] for _ in range(2))
+            study_runs.progress.drop(study_run(accuracy) for accuracy in settings[number + 1 :] for _ in range(2))
             break
         previous = finest
     return Reference(finest, name, frames, disagreement, perturbed)

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from engine.assembly.event_table import EventRow
-from engine.kernel.data.enums import UNUSED_SLOT, EventKind
+from engine.kernel.data.enums import UNUSED_SLOT
 from engine.live.audio_memory import RENDERED_AT_ONCE
 from engine.patch.scene import Scene, scene_of_document
 from engine.patch.tables import PulseForce
@@ -24,10 +23,10 @@ class AudioInput:
     at:        where on the body, as for a force of a patch: 0.3, [0.4, 0.6] or a point's name; None for a mass or an
                oscillator
 
-    >>> import engine
+    >>> import fdh
     >>> import numpy as np
-    >>> scene = engine.load("sympathetic_strings").replace("body.hammer.velocity", 0.0)  # silent by itself
-    >>> player = engine.Player(scene, gain=100.0, input=engine.AudioInput("free", newtons=0.5, at=0.3))
+    >>> scene = fdh.load("sympathetic_strings").replace("body.hammer.velocity", 0.0)  # silent by itself
+    >>> player = fdh.Player(scene, gain=100.0, input=fdh.AudioInput("free", newtons=0.5, at=0.3))
     >>> noise = np.random.default_rng(1).uniform(-1.0, 1.0, 4410)
     >>> bool(player.read(4410).any()), bool(player.read(4410, noise).any())
     (False, True)
@@ -60,7 +59,7 @@ class InputForce:
         self.place = next(n for n, f in enumerate(layout.islands.forces) if f is player.scene.force[-1])
         assert isinstance(player.scene.force[-1], PulseForce)
         self.newtons, self._last = source.newtons, 0.0
-        self._player, self._island = player, int(layout.islands.of_body[layout.body_index[source.body]])
+        self._player = player
         self._table = force.table[force.table_begin[self.place] : force.table_end[self.place]]
         self._table[:] = 0.0
         force.start[self.place] = UNUSED_SLOT
@@ -73,8 +72,8 @@ class InputForce:
         self._table[: len(samples)] = 0.5 * self.newtons * (before + samples)
         self._table[len(samples) :] = 0.0
         self._last = float(samples[-1])
-        row = EventRow(EventKind.PLUCK, self._island, self.place, self.place + 1, self._player.frame, 1, 1.0)
-        self._player.queue_unlogged(row)
+        row = self._player.rows.force_again(self.place, 1.0, len(samples))
+        self._player.queue_unlogged(row._replace(start=self._player.frame))
 
 
 def as_samples(signal: Any, frames: int) -> np.ndarray:

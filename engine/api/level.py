@@ -8,7 +8,7 @@ import numpy as np
 from engine.api.rendering import render
 from engine.argument_checks import checked_integer
 from engine.instrument.key_names import note_name
-from engine.instrument.score_events import FULL_VELOCITY
+from engine.instrument.key_sequencer import FULL_VELOCITY
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import Note
 from engine.live.player import HEADROOM, Player
@@ -43,9 +43,9 @@ def measure_level(scene: Scene, samplerate: int = 44_100, kernel: str | None = N
     samplerate: Hz
     kernel:     special, general or auto (engine.runtime.kernel_choice)
 
-    >>> import engine
+    >>> import fdh
     >>> from engine.api.level import measure_level
-    >>> round(measure_level(engine.load("bouncing_ball")).level)
+    >>> round(measure_level(fdh.load("bouncing_ball")).level)
     -12
 
     Raises TypeError for another argument, BuildError if the scene cannot be built.

@@ -47,7 +47,7 @@ def export_page(
     samplerate: int = 44_100,
     kernel: str = "general",
     text: str | None = None,
-    command: str = "engine.export_page(scene)",
+    command: str = "fdh.export_page(scene)",
     slide: Sequence[str] = (),
     voices: int = 0,
 ) -> Page:
@@ -62,8 +62,8 @@ def export_page(
              needs tables for each of 25 positions, which make the page larger; `bend` is an instrument's pitch wheel
     voices:  of a patch that is no instrument: how many notes of a keyboard, on which it is tuned, sound at a time
 
-    >>> import engine
-    >>> page = engine.export_page(engine.load("piano_c4"))  # doctest: +SKIP
+    >>> import fdh
+    >>> page = fdh.export_page(fdh.load("piano_c4"))  # doctest: +SKIP
     >>> page.save("piano_c4.html")  # doctest: +SKIP
 
     Raises TypeError or ValueError for a wrong argument; CannotExport (a ValueError) with the reason if the scene cannot

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from engine.analysis.silence import is_inaudible
-from engine.instrument.score_events import FULL_VELOCITY
+from engine.instrument.key_sequencer import FULL_VELOCITY
 from engine.live.key_allocator import KeyAllocator
 from engine.live.midi_notes import Note
 from engine.live.player import HEADROOM, Player

@@ -41,8 +41,8 @@ class Player(player.Player):
 
     Block by block, without a device or in an audio callback of your own:
 
-    >>> import engine
-    >>> player = engine.Player(engine.load("tanpura"))
+    >>> import fdh
+    >>> player = fdh.Player(fdh.load("tanpura"))
     >>> block = player.read(1024)
     >>> block.shape, block.dtype.name
     ((1024, 2), 'float32')
@@ -53,7 +53,7 @@ class Player(player.Player):
 
     On a device, as long as the block lasts; then it fades out:
 
-    >>> with engine.Player(engine.load("tanpura"), seconds=10.0) as player:  # doctest: +SKIP
+    >>> with fdh.Player(fdh.load("tanpura"), seconds=10.0) as player:  # doctest: +SKIP
     ...     player.wait(2.0)
     ...     player.pluck("string")
     ...     player.wait()
@@ -77,7 +77,7 @@ class Player(player.Player):
         self._input: InputForce | None = None
         if input is not None and not isinstance(input, AudioInput):
             raise TypeError(
-                f'{input!r} is not an input; give one, such as engine.AudioInput("string", newtons=1.0, at=0.3)'
+                f'{input!r} is not an input; give one, such as fdh.AudioInput("string", newtons=1.0, at=0.3)'
             )
         if input is not None and options.get("voices"):
             raise ValueError("a player of voices takes no audio input; leave out voices, or the input")
@@ -101,8 +101,8 @@ class Player(player.Player):
 
         Raises RuntimeError while a device plays; TypeError or ValueError for other frames or inputs.
 
-        >>> import engine
-        >>> player = engine.Player(engine.load("piano_c4"), gain=0.1)
+        >>> import fdh
+        >>> player = fdh.Player(fdh.load("piano_c4"), gain=0.1)
         >>> player.read(44100).shape
         (44100, 2)
         """
@@ -119,7 +119,7 @@ class Player(player.Player):
         """Play the next len(out) frames into out, single precision [frames, channels], with samples [frames] as input.
         Raises ValueError if there are samples, and the player has no input."""
         if samples is not None and self._input is None:
-            raise ValueError("this player has no input; Player(scene, input=engine.AudioInput(…)) has one")
+            raise ValueError("this player has no input; Player(scene, input=fdh.AudioInput(…)) has one")
         if self._input is None:
             self.render_into(out)
             return

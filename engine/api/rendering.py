@@ -14,6 +14,7 @@ from engine.analysis.contact_summaries import ContactSummaries
 from engine.analysis.silence import explain_silence
 from engine.api.sound_file import SoundFile
 from engine.argument_checks import checked_integer, checked_number
+from engine.faults import RenderInterrupted
 from engine.offline.render import RenderedArrays, render_arrays
 from engine.offline.trace import TraceArrays, contact_names
 from engine.output_files import apply_gain, atomic_write, check_audio_format, save_trace
@@ -46,8 +47,8 @@ class Rendering(RenderedArrays):
                 state
     scene:      what was rendered
 
-    >>> import engine
-    >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5, trace=True)
+    >>> import fdh
+    >>> rendering = fdh.render(fdh.load("bouncing_ball"), seconds=0.5, trace=True)
     >>> rendering.audio.shape, rendering.stats.trusted
     ((22050, 1), True)
     >>> float(rendering.trace["compression"].max()) > 0.0
@@ -81,8 +82,8 @@ class Rendering(RenderedArrays):
 
         Raises ValueError without a trace; and KeyError, which names the nearest one, for an unknown name.
 
-        >>> import engine
-        >>> rendering = engine.render(engine.load("piano_c4"), seconds=0.1, trace=True)
+        >>> import fdh
+        >>> rendering = fdh.render(fdh.load("piano_c4"), seconds=0.1, trace=True)
         >>> felt = rendering.contacts["felt"]
         >>> print(f"{felt.first_duration * 1e3:.2f} ms, {felt.peak_force:.1f} N, {felt.touches} touch")
         2.01 ms, 11.9 N, 1 touch
@@ -95,16 +96,16 @@ class Rendering(RenderedArrays):
         return ContactSummaries(self.trace, contact_names(self.scene))
 
     def page(self, slide: Sequence[str] = (), voices: int = 0) -> "Page":
-        """Make a page that plays the scene in any browser, where it can be struck and changed: `engine.export_page` of
+        """Make a page that plays the scene in any browser, where it can be struck and changed: `fdh.export_page` of
         the scene, at the sample rate of the rendering. A notebook shows it.
 
-        slide:  live parameters that get a slider there, as of `engine.export_page`
+        slide:  live parameters that get a slider there, as of `fdh.export_page`
         voices: how many notes a keyboard there plays at a time, likewise
 
         Raises CannotExport (a ValueError) with the reason if the scene cannot become a page.
 
-        >>> import engine
-        >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5)
+        >>> import fdh
+        >>> rendering = fdh.render(fdh.load("bouncing_ball"), seconds=0.5)
         >>> rendering.page().save("ball.html")
         """
         from engine.api.page import export_page
@@ -121,8 +122,8 @@ class Rendering(RenderedArrays):
         Returns the axes, an array. Raises ValueError for another panel or style, or a panel that needs a trace which
         is not there; ImportError without matplotlib.
 
-        >>> import engine
-        >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5, trace=True)
+        >>> import fdh
+        >>> rendering = fdh.render(fdh.load("bouncing_ball"), seconds=0.5, trace=True)
         >>> axes = rendering.plot("waveform", "energies")
         >>> axes[0].figure.savefig("ball.png")
         """
@@ -147,8 +148,8 @@ class Rendering(RenderedArrays):
         if the format is none or cannot hold the sound, if the gain is out of range, or there is no trace to write;
         OSError if the file cannot be written: it is then as it was before.
 
-        >>> import engine
-        >>> rendering = engine.render(engine.load("bouncing_ball"), seconds=0.5)
+        >>> import fdh
+        >>> rendering = fdh.render(fdh.load("bouncing_ball"), seconds=0.5)
         >>> gain = rendering.save("ball.wav")
         >>> rendering.save("ball_in_si_units.wav", gain=0.0)
         0.0
@@ -268,21 +269,26 @@ def render(
                 iterations, silence: of each, what the scene says if absent or None (engine.patch.accuracy)
 
     Raises TypeError if an argument is of the wrong kind or unknown, ValueError if one is out of range, BuildError
-    (a ValueError) if the scene cannot be built at this sample rate.
+    (a ValueError) if the scene cannot be built at this sample rate. The KeyboardInterrupt of Ctrl-C has the part that
+    is rendered, if there is one: a Rendering, its `rendering`.
 
-    >>> import engine
-    >>> engine.render(engine.load("bouncing_ball"), seconds=0.1, substeps=4).stats.accuracy["substeps"]
+    >>> import fdh
+    >>> fdh.render(fdh.load("bouncing_ball"), seconds=0.1, substeps=4).stats.accuracy["substeps"]
     4
-    >>> engine.render("bouncing_ball")
+    >>> fdh.render("bouncing_ball")
     Traceback (most recent call last):
-    TypeError: 'bouncing_ball' is the name of a patch, not a scene; give engine.load('bouncing_ball')
+    TypeError: 'bouncing_ball' is the name of a patch, not a scene; give fdh.load('bouncing_ball')
     """
     check_scene(scene)
     check_accuracy_names(accuracy, "render")
     given = None if seconds is None else checked_number("seconds", seconds)
     rate = checked_integer("samplerate", samplerate)
     used_cores = None if cores is None else checked_integer("cores", cores)
-    arrays = render_arrays(scene, given, rate, bool(trace), used_cores, progress, kernel, trace_shapes, **accuracy)
+    try:
+        arrays = render_arrays(scene, given, rate, bool(trace), used_cores, progress, kernel, trace_shapes, **accuracy)
+    except RenderInterrupted as stop:
+        stop.rendering = Rendering(**vars(stop.rendering), scene=scene)
+        raise
     return Rendering(**vars(arrays), scene=scene)
 
 

@@ -26,9 +26,10 @@ class SoundFile:
 
         is_silent: all there is of it is rounding, which is not normalised
         """
-        peak = 0.0 if is_silent else float(abs(audio).max())
-        levelled, gain = apply_gain(audio, peak, self.gain, self.subtype)
-        return LevelledSound(self, levelled, samplerate, gain, count_clipped(self.path, levelled, gain, self.subtype))
+        peak = float(abs(audio).max())
+        levelled, gain = apply_gain(audio, 0.0 if is_silent else peak, self.gain, self.subtype)
+        clipping = count_clipped(self.path, levelled, gain, self.subtype)
+        return LevelledSound(self, levelled, samplerate, peak, gain, clipping)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,7 @@ class LevelledSound:
     file: SoundFile
     audio: np.ndarray  # [frames, channels]
     samplerate: int  # Hz
+    peak: float  # before the gain: in SI units, but for a mix of several patches
     gain: float  # dB, that was applied
     clipping: Clipping | None  # of a file of integers
 
@@ -59,7 +61,8 @@ class LevelledSound:
             "seconds": len(self.audio) / self.samplerate,
             "samplerate": self.samplerate,
             "channels": self.audio.shape[1],
-            "peak": float(abs(self.audio).max()),
+            "peak": self.peak,
+            "peak_file": float(abs(self.audio).max()),
             "gain_db": self.gain,
             "clipped": self.clipping.count if self.clipping else 0,
         }

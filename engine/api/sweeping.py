@@ -17,7 +17,7 @@ from engine.patch.reader import DOCUMENT
 from engine.patch.scene import Scene, check_scene
 from engine.sweep.axes import MAX_GRID_POINTS, SweepAxis, parse_axis
 from engine.sweep.dataset import load_xarray, read_sweep
-from engine.sweep.local_workers import run_local
+from engine.sweep.local_workers import leave_if_imported, run_local
 from engine.sweep.plan import SweepPlan, check_axes, grid_points
 from engine.sweep.rows import SweepRow, read_sweep_rows
 from engine.sweep.sweep import Renderer
@@ -44,16 +44,17 @@ def run_sweep(
     folder:   where the sounds and index.csv are kept, as `fdh sweep` keeps them: what is there already is not rendered
               again. If None, they are not kept
     sounds:   put the sounds into the data set, in SI units
-    cores:    processes; with more than one, a script needs `if __name__ == "__main__":` around it
+    cores:    processes; with more than one, a script needs `if __name__ == "__main__":` around it, or it is a
+              RuntimeError
     settings: seconds, samplerate and accuracy, as of `render`
 
     A point that fails is NaN, and `status` says why. Raises TypeError if an argument is of the wrong kind, PatchError
     if a path leads nowhere or a value is out of range; ImportError without xarray, which `run_sweep_rows` does without.
 
-    >>> import engine
-    >>> scene = engine.load("bouncing_ball").replace("seconds", 1.0)
+    >>> import fdh
+    >>> scene = fdh.load("bouncing_ball").replace("seconds", 1.0)
     >>> varied = {"body.ball.mass": [0.1, 0.2], "contact.0.stiffness": "1e6..1e8:log:3"}
-    >>> found = engine.run_sweep(scene, varied)
+    >>> found = fdh.run_sweep(scene, varied)
     >>> dict(found.sizes)
     {'body.ball.mass': 2, 'contact.0.stiffness': 3}
     >>> found.peak.sel({"body.ball.mass": 0.1}).dims, found.contact.attrs["units"]
@@ -78,9 +79,9 @@ def run_sweep_rows(
     Arguments and errors are those of `run_sweep`, but it needs no xarray. Without a folder, sounds are not kept, and
     `file` is None. A point that fails has None for what was not computed, and `status` says why.
 
-    >>> import engine
-    >>> scene = engine.load("bouncing_ball").replace("seconds", 1.0)
-    >>> rows = engine.run_sweep_rows(scene, {"body.ball.displacement": [0.1, 0.2]})
+    >>> import fdh
+    >>> scene = fdh.load("bouncing_ball").replace("seconds", 1.0)
+    >>> rows = fdh.run_sweep_rows(scene, {"body.ball.displacement": [0.1, 0.2]})
     >>> [f"{row['body.ball.displacement']} m: {row['peak']:.2f} m/s" for row in rows]
     ['0.1 m: 1.42 m/s', '0.2 m: 1.99 m/s']
     """
@@ -101,7 +102,8 @@ def _sweep_folder(folder: str | Path | None) -> Iterator[Path]:
 
 
 def _render_grid(scene: Scene, vary: Any, folder: Path, cores: int, settings: dict[str, Any]) -> None:
-    """Render a scene at every point of a grid into a folder. Raises TypeError, PatchError."""
+    """Render a scene at every point of a grid into a folder. Raises TypeError, PatchError, RuntimeError."""
+    leave_if_imported()
     check_scene(scene)
     cores, rate = checked_integer("cores", cores), checked_integer("samplerate", settings.pop("samplerate", 44_100))
     seconds = settings.pop("seconds", None)

@@ -9,14 +9,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.arithmetic import plain_numbers
+from engine.arithmetic.elementary import square
 from engine.assembly import limits
 from engine.assembly.array_memory import align_to_cache_lines, to_single_precision
-from engine.assembly.connection_coordinates import changed_connections
 from engine.assembly.connections import all_factors, check_connections, connections
 from engine.assembly.contact_points import NOWHERE, BasisUse, BodyPoint, contact_sides, entry_counts, offset
 from engine.assembly.contact_reach import contacts_to_build
 from engine.assembly.event_table import event_table
-from engine.assembly.external_forces import ForceTable, force_table
+from engine.assembly.external_forces import ForceTable, PluckPoint, force_table
 from engine.assembly.free_flight import build_free_flight
 from engine.assembly.friction import check_order, friction
 from engine.assembly.initial_state import initial_state
@@ -24,13 +25,14 @@ from engine.assembly.islands import begins_of, find_islands
 from engine.assembly.layout import Layout, segment_arrays
 from engine.assembly.modal_system import ModalSystem
 from engine.assembly.mode_coefficients import ModeCoefficients, mode_coefficients
-from engine.assembly.mode_counts import fit_modes, with_residual_modes
+from engine.assembly.mode_counts import fit_modes
 from engine.assembly.mode_shape_rows import mode_shape_rows
 from engine.assembly.modes import arrange_modes
 from engine.assembly.one_way_drive import DriveForce, drive_forces
 from engine.assembly.pickup_points import HeardPoint
 from engine.assembly.points import find_points
 from engine.assembly.refinement import build_refinement
+from engine.assembly.residual_modes import with_residual_modes
 from engine.assembly.softening import count_pairs
 from engine.assembly.step_coefficients import basis_rows, find_bases, step_coefficients
 from engine.assembly.tension import stretching_bodies, tension
@@ -52,7 +54,7 @@ from engine.kernel.data.state import State
 from engine.patch.accuracy import Accuracy
 from engine.patch.friction import Friction
 from engine.patch.scene import Scene
-from engine.patch.tables import ChangeEvent, Force, PluckEvent
+from engine.patch.tables import ChangeEvent, Force
 
 MAX_FORCE_AT_START = 1e12  # N
 
@@ -103,24 +105,27 @@ def build(
     step = step_coefficients(layout, modes, samplerate)
     drives = [layout.islands.of_body[layout.body_index[force.body]] for force in drive_forces(scene)]
     changed = any(isinstance(e, ChangeEvent) and e.exponent is not None for e in scene.event)
+    refinement = None
+    if accuracy.is_refined:
+        refinement = build_refinement(layout, accuracy, samplerate, events is not None, seconds=seconds)
     model = Model(
         samplerate=float(samplerate),
         islands=islands,
         step=step,
-        omega_squared=omega**2 if omega.any() else None,
+        omega_squared=square(omega) if omega.any() else None,
         weight=weight,
-        force=_external_force(layout, samplerate, seconds),
+        force=_external_force(layout, samplerate, seconds, accuracy),
         drive=Drive(np.array(drives)) if drives else None,
         connection=connections(layout, samplerate, step, accuracy.is_refined),
         contact=_contact(layout, step, modes, accuracy, samplerate, variable_exponents or changed),
         tension=tension(layout, accuracy.least_detuning),
-        refinement=build_refinement(layout, accuracy, samplerate) if accuracy.is_refined else None,
+        refinement=refinement,
         events=events,
         pickups=_pickups(layout),
         flight=build_free_flight(step, omega, weight, layout.points.pickups, samplerate),
         bodies=mode_shape_rows([layout.row(point) for point in trace_points(layout)]),
         free_masses=_free_masses(layout),
-        sleep_threshold=10 ** (accuracy.silence / 20),
+        sleep_threshold=plain_numbers.power(10.0, accuracy.silence / 20),
     )
     state = initial_state(layout, model)
     _refuse_deep(layout, state)
@@ -154,10 +159,9 @@ def find_layout(
     limits.check_forces(scene, samplerate, seconds)
     check_order(scene, accuracy)
     system = ModalSystem(scene, bodies, {body.name: number for number, body in enumerate(scene.body)})
-    names = {c.name for c in scene.connection if c.name is not None} if live else changed_connections(scene)
     is_plain = accuracy.scheme == "exact" and accuracy.order == 2 and accuracy.max_error is None
     step = 1 / (samplerate * accuracy.substeps) if is_plain else None
-    islands = find_islands(system, contacts_to_build(system, live), names, step)
+    islands = find_islands(system, contacts_to_build(system, live), step)
     limits.check_islands(scene, islands)
     check_connections(system, islands, accuracy, samplerate)
     modes = arrange_modes(system, islands)
@@ -177,7 +181,7 @@ def nominal_stiffness(layout: Layout) -> np.ndarray:
 
 def trace_points(layout: Layout) -> list[BodyPoint]:
     """Return the point at which each body is traced: its first pickup, or else its first contact, or else its first
-    force."""
+    force, or else, of one that moves as a whole, itself; NOWHERE of others."""
     scene, points = layout.scene, dict[str, BodyPoint]()
     for pickup in scene.pickup:
         everywhere = pickup.quantity == "pressure" and pickup.at is None
@@ -189,6 +193,9 @@ def trace_points(layout: Layout) -> list[BodyPoint]:
                 points.setdefault(side.body, side._replace(factor=1.0))
     for force in layout.islands.forces:
         points.setdefault(force.body, layout.point_of(force))
+    for body in scene.body:
+        if body.IS_LUMPED:
+            points.setdefault(body.name, BodyPoint(body.name, None, 1.0))
     return [points.get(scene.body[b].name, NOWHERE) for b in layout.islands.body_order]
 
 
@@ -249,12 +256,12 @@ def _contact_basis(layout: Layout, modes: ModeCoefficients, step_rate: float) ->
     )
 
 
-def _external_force(layout: Layout, samplerate: float, seconds: float) -> ExternalForce | None:
+def _external_force(layout: Layout, samplerate: float, seconds: float, accuracy: Accuracy) -> ExternalForce | None:
     """Return the external forces of a layout; None without any."""
     forces = layout.islands.forces
     if not forces:
         return None
-    tables = [_force_table(layout.scene, force, samplerate, seconds) for force in forces]
+    tables = [_force_table(layout.scene, force, samplerate, seconds, accuracy) for force in forces]
     begins = begins_of([table.values.size for table in tables])
     # the number of the point that strings drive by each force, -1 for other forces
     driven = np.array([force.number if isinstance(force, DriveForce) else -1 for force in forces], dtype=np.int64)
@@ -265,20 +272,21 @@ def _external_force(layout: Layout, samplerate: float, seconds: float) -> Extern
         table_end=begins[1:],
         table=np.concatenate([table.values for table in tables]),
         tail=np.array([table.tail for table in tables]),
-        scale=np.ones(len(tables)),
         drive=driven if np.any(driven >= 0) else None,
     )
 
 
-def _force_table(scene: Scene, force: Force | PluckEvent | DriveForce, samplerate: float, seconds: float) -> ForceTable:
-    """Return the table of a force; it is empty if strings make the force. Raises BuildError if its file cannot be read
-    to its end."""
-    if isinstance(force, DriveForce):
+def _force_table(
+    scene: Scene, force: Force | PluckPoint | DriveForce, samplerate: float, seconds: float, accuracy: Accuracy
+) -> ForceTable:
+    """Return the table of a force; it is empty if strings or the score make the force. Raises BuildError if its file
+    cannot be read to its end."""
+    if isinstance(force, DriveForce | PluckPoint):
         return ForceTable(0, np.zeros(0), 0.0)
     try:
-        return force_table(force, samplerate, seconds)
+        return force_table(force, samplerate, seconds, accuracy)
     except (OSError, RuntimeError, TypeError, ValueError) as error:
-        number = scene.force.index(force)  # type: ignore[arg-type]
+        number = scene.force.index(force)
         raise limits.unreadable_file(f"force[{number}]", error) from None
 
 
@@ -317,9 +325,9 @@ def _refuse_deep(layout: Layout, state: State) -> None:
     faults: list[Fault] = []
     for slot, (k, _) in enumerate(layout.islands.contact_points):
         depth, exponent = float(state.compression[slot]), float(state.exponent[slot])
-        with np.errstate(over="ignore"):
-            unit = float(state.potential_coefficient[slot])
-            force = unit * (exponent + 1) * np.float64(max(depth, 0.0)) ** exponent
+        unit = float(state.potential_coefficient[slot])
+        power = plain_numbers.exp_or_inf(exponent * plain_numbers.log(depth)) if depth > 0.0 else 0.0
+        force = unit * (exponent + 1) * power
         if force > MAX_FORCE_AT_START:
             message = f"begins with a compression of {depth:.3g} m, at which it pushes with {force:.1e} N"
             remedy = f"at most {MAX_FORCE_AT_START:g} N is allowed; check the signs of gap and side"

@@ -29,6 +29,9 @@ from typing import Any
 
 import numpy as np
 
+from engine.arithmetic.elementary import square
+from engine.arithmetic.linear import singular_vectors
+from engine.arithmetic.products import product
 from engine.assembly.coordinates import Coordinate, Coordinates, compensate_springs
 from engine.assembly.modal_system import ModalSystem
 from engine.bodies import AirBox, String
@@ -130,7 +133,7 @@ def _drop_redundant(items: list[Coordinate]) -> list[Coordinate]:
             left, size = dict(item.parts), _norm(item.parts)
             for _ in range(2):  # once more, for what rounding has left
                 for row in held:
-                    share = sum(float(row[b] @ left[b]) for b in row if b in left)
+                    share = sum(float(product(row[b], left[b])) for b in row if b in left)
                     left = {b: left.get(b, np.zeros(1)) - share * row.get(b, np.zeros(1)) for b in left | row}
             if _norm(left) <= REDUNDANT * size:
                 continue
@@ -141,7 +144,7 @@ def _drop_redundant(items: list[Coordinate]) -> list[Coordinate]:
 
 
 def _norm(parts: dict[int, np.ndarray]) -> float:
-    return float(np.sqrt(sum(float(np.sum(values**2)) for values in parts.values())))
+    return float(np.sqrt(sum(float(np.sum(square(values))) for values in parts.values())))
 
 
 def _of_supports(system: ModalSystem) -> Iterator[Coordinate]:
@@ -158,7 +161,7 @@ def _of_supports(system: ModalSystem) -> Iterator[Coordinate]:
 def _independent_rows(rows: np.ndarray) -> np.ndarray:
     """Return rows for positions that share a spring evenly [rows, modes]. Positions close together move alike, so there
     may be fewer rows than positions."""
-    _, singular, shapes = np.linalg.svd(rows / math.sqrt(len(rows)), full_matrices=False)
+    _, singular, shapes = singular_vectors(rows / math.sqrt(len(rows)))
     kept = singular > SMALLEST_SINGULAR_VALUE * singular[0]
     return np.asarray(singular[kept, None] * shapes[kept])
 
@@ -230,15 +233,15 @@ def stretch_of_ends(system: ModalSystem, a: EndConnection, b: EndConnection) -> 
 
 def stretch_between(system: ModalSystem, name: str, kappa: np.ndarray, a: float, b: float) -> float:
     """Return what displacements of two ends of a string stretch it, per product, 1/m: Σ κₙ·c̃ₙ·c̃ₙ ± 1/L."""
-    string, square = system.scene.body[system.body_index[name]], squared_omega(system, name) ** 2
+    string, fourth = system.scene.body[system.body_index[name]], square(squared_omega(system, name))
     assert isinstance(string, String)
-    product = float(np.sum(kappa * end_row(system, name, a) * end_row(system, name, b) / square))
-    return product + (1.0 if a == b else -1.0) / string.length
+    total = float(np.sum(kappa * end_row(system, name, a) * end_row(system, name, b) / fourth))
+    return total + (1.0 if a == b else -1.0) / string.length
 
 
 def squared_omega(system: ModalSystem, name: str) -> np.ndarray:
     """Return ω² of the modes of a body [modes], 1/s²."""
-    return np.asarray(system.modal_bodies[system.body_index[name]].omega ** 2)
+    return np.asarray(square(system.modal_bodies[system.body_index[name]].omega))
 
 
 def slope_row(system: ModalSystem, end: EndConnection) -> np.ndarray | None:
@@ -267,8 +270,8 @@ def end_stiffness(system: ModalSystem, name: str, a: np.ndarray, b: np.ndarray, 
     string, omega = system.scene.body[system.body_index[name]], system.modal_bodies[system.body_index[name]].omega
     assert isinstance(string, String)
     tension = float(shares * string.end_tension() / string.length)
-    product = float(np.sum(a * b / omega**2))
-    return product + (tension if is_same else -tension)
+    total = float(np.sum(a * b / square(omega)))
+    return total + (tension if is_same else -tension)
 
 
 def end_force_parts(system: ModalSystem, name: str, end: float) -> list[tuple[str, np.ndarray]]:
@@ -320,7 +323,7 @@ def _closed_volume(system: ModalSystem, k: int, c: AirConnection) -> Coordinate:
     if c.on is not None:
         other, modal = _sheet(system, c.on)
         parts[system.body_index[c.on]] = -other.volume_row(modal) / area
-    return Coordinate(f"connection[{k}]", k, parts, BULK_MODULUS * area**2 / (c.volume or 1.0))
+    return Coordinate(f"connection[{k}]", k, parts, BULK_MODULUS * square(area) / (c.volume or 1.0))
 
 
 def _box(system: ModalSystem, number: int, connections: list[tuple[int, AirConnection]]) -> Iterator[Coordinates]:
@@ -334,7 +337,7 @@ def _box(system: ModalSystem, number: int, connections: list[tuple[int, AirConne
         wall = system.body_index[c.body]
         for wave, row in enumerate(_wall_rows(box, modal, *_sheet(system, c.body), c.wall or "top")):
             rows[wave][wall] = rows[wave].get(wall, 0.0) + row
-    scale = BULK_MODULUS * (box.size[0] * box.size[1]) ** 2 / box.volume()  # N/m: coordinates are lengths
+    scale = BULK_MODULUS * square(box.size[0] * box.size[1]) / box.volume()  # N/m: coordinates are lengths
     for wave, parts in enumerate(rows):
         walls = Coordinate(f"connection[{k}]", k, {b: row / np.sqrt(scale) for b, row in parts.items()})
         mode = wave - 1 + plug  # of uniform pressure: the plug of the hole
@@ -352,7 +355,7 @@ def _wall_rows(box: AirBox, modal: ModalBody, sheet: FlatSheet, wall: ModalBody,
     positions, areas, _ = sheet.area_quadrature(wall.omega.size)
     places = np.array(positions)
     pressure = box.wall_rows(modal.omega.size, places, 1.0 if side == "top" else 0.0) * areas[:, None]
-    return np.asarray((1.0 if side == "top" else -1.0) * pressure.T @ wall.shape(places))
+    return np.asarray(product((1.0 if side == "top" else -1.0) * pressure.T, wall.shape(places)))
 
 
 def _sheet(system: ModalSystem, name: str) -> tuple[FlatSheet, ModalBody]:

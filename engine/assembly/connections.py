@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.arithmetic.elementary import square
+from engine.arithmetic.products import product
 from engine.assembly.connection_coordinates import used_connections
 from engine.assembly.contact_reach import contact_reach, contact_reach_by_forces
 from engine.assembly.coordinates import Coordinate, Coordinates, IslandFactors, find_factors
@@ -27,6 +29,7 @@ from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene
 from engine.patch.tables import AirConnection, ChangeEvent, SpringConnection
 
+BELOW_REST = 2.0**-30  # relative: as a bound, the energy at rest may be a little lower
 MAX_MODES_AT_REST = 400  # of an island under load; with more, its energy at rest is not computed
 
 
@@ -62,7 +65,7 @@ def contact_motions(
         for products, coefficient in ((kicks, modes.kick), (drifts, modes.drift)):
             products[contacts, moved] = shapes.phi[contacts, moved] * coefficient[inside][moved]
         moves = np.zeros((0, len(kicks))) if of_island is None else of_island.contact_moves(kicks)
-        motions.append(ContactMotion(kicks @ drifts.T, moves))
+        motions.append(ContactMotion(product(kicks, drifts.T), moves))
     return motions
 
 
@@ -147,15 +150,17 @@ def _energy_at_rest(coordinates: Coordinates, rows: np.ndarray, omega: np.ndarra
     rest, rigid = np.array([item.rest for item in items]), np.array([item.is_rigid for item in items])
     held = rows[rigid]
     matrix = np.zeros((size + len(held), size + len(held)))
-    matrix[:size, :size] = np.diag(omega**2) + rows.T @ stiffness @ rows
+    matrix[:size, :size] = np.diag(square(omega)) + product(product(rows.T, stiffness), rows)
     matrix[size:, :size], matrix[:size, size:] = held, held.T
-    pull = np.concatenate([load + rows.T @ stiffness @ rest, rest[rigid]])
+    pull = np.concatenate([load + product(product(rows.T, stiffness), rest), rest[rigid]])
     solution, *_ = np.linalg.lstsq(matrix, pull, rcond=None)
-    if np.max(np.abs(matrix @ solution - pull)) > 1e-9 * np.max(np.abs(pull)):
+    if np.max(np.abs(product(matrix, solution) - pull)) > 1e-9 * np.max(np.abs(pull)):
         return -math.inf
     q = solution[:size]
-    s = rows @ q - rest
-    return float(0.5 * np.sum((omega * q) ** 2) + 0.5 * s @ stiffness @ s - load @ q)
+    s = product(rows, q) - rest
+    energy = 0.5 * np.sum(square(omega * q)) + product(product(0.5 * s, stiffness), s) - product(load, q)
+    fraction, exponent = math.frexp(float(energy) - BELOW_REST * abs(float(energy)))
+    return math.ldexp(math.floor(fraction / BELOW_REST) * BELOW_REST, exponent)  # LAPACK's last digits vary by machine
 
 
 MAX_ISLAND_COORDINATES = 512  # of an island; what they move is a product of matrices in each step
@@ -213,8 +218,8 @@ def _find_apart(system: ModalSystem) -> Iterator[Fault]:
         for name, at, sign in ((connection.body, connection.at, 1.0), (connection.on, connection.on_at, -1.0)):
             if name is not None:
                 modal, shape = system.modal_bodies[system.body_index[name]], system.shape(name, at)
-                gap, speed = gap + sign * float(shape @ modal.q), speed + sign * float(shape @ modal.p)
-                size += float(np.abs(shape) @ np.abs(modal.q))
+                gap, speed = gap + sign * float(product(shape, modal.q)), speed + sign * float(product(shape, modal.p))
+                size += float(product(np.abs(shape), np.abs(modal.q)))
         if abs(gap) > MAX_GAP + 1e-12 * size:
             message = f"the sides of this rigid joint are {abs(gap):.6g} m apart at time 0"
             remedy = f"give rest = {connection.rest + gap:.6g}, or start the bodies where they meet"
@@ -235,7 +240,7 @@ def _find_overdamped(
     for item in items:
         name = scene.connection[item.connection].name if item.connection is not None else None
         damping = max(item.damping, changed.get(name, 0.0) if name is not None else 0.0)
-        mobility = sum(float(np.sum(values**2)) for values in item.parts.values())  # W = Φ·Φᵀ, 1/kg
+        mobility = sum(float(np.sum(square(values))) for values in item.parts.values())  # W = Φ·Φᵀ, 1/kg
         limit = 2 * MAX_DAMPING_OUTSIDE * samplerate / max(mobility, 1e-300)
         if damping > limit:
             message = f"order {accuracy.order} has steps back in time, in which a damper would create energy"

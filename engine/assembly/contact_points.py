@@ -11,10 +11,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from engine.arithmetic.double_double import two_product
+from engine.arithmetic.elementary import square
+from engine.arithmetic.linear import cholesky, singular_vectors, solve, span_rows
+from engine.arithmetic.plain_numbers import power
+from engine.arithmetic.products import product
 from engine.assembly.coordinates import IslandFactors
-from engine.assembly.double_double import two_product
 from engine.bodies import Body
 from engine.bodies.distributed import LineBody
+from engine.bodies.tips import place_of
 from engine.kernel.data.enums import COLUMNS, LANES, MAX_RANK, ROWS_COLUMN
 from engine.patch.friction import Friction
 from engine.patch.tables import Bridge, Contact, Frets
@@ -24,7 +29,7 @@ class BodyPoint(NamedTuple):
     """A position on a body, and the factor that multiplies the mode shape there. A barrier has no body."""
 
     body: str | None
-    position: Any
+    position: Any  # or a Tip
     factor: float
     phi: np.ndarray | None = None  # the mode shapes there [modes], 1/√kg, if they are not those of the body
     angle: float = 0.0  # rad: direction of motion, of a string with two polarisations
@@ -40,6 +45,8 @@ class ContactPoint(NamedTuple):
     on_at: Any  # position on the other body
     offset: float  # m: position of the barrier, or the gap
     stiffness: float  # N/m^exponent
+    radius: float = 0.0  # m: of what touches the body …
+    on_radius: float = 0.0  # … and the other body
 
 
 def contact_points(contact: Contact | Friction, body: Body, on: Body | None) -> list[ContactPoint]:
@@ -53,7 +60,18 @@ def contact_points(contact: Contact | Friction, body: Body, on: Body | None) -> 
     offsets = offset if isinstance(offset, list) else [offset or 0.0]
     count = max(len(touching), len(touched), len(offsets))
     touching, touched, offsets = (items * count if len(items) == 1 else items for items in (touching, touched, offsets))
-    return [ContactPoint(a, b, float(c), contact.stiffness) for a, b, c in zip(touching, touched, offsets, strict=True)]
+    radius, on_radius = _radius(contact, body), _radius(contact, on)
+    return [
+        ContactPoint(a, b, float(c), contact.stiffness, radius, on_radius)
+        for a, b, c in zip(touching, touched, offsets, strict=True)
+    ]
+
+
+def _radius(contact: Contact | Friction, body: Body | None) -> float:
+    """Return the radius of what touches a body in a contact, m."""
+    if not isinstance(contact, Contact) or body is None:
+        return 0.0
+    return body.CONTACT_RADIUS if contact.radius is None else contact.radius
 
 
 def count_points(contact: Contact | Friction) -> int:
@@ -71,7 +89,7 @@ def _bridge(bridge: Bridge, stiffness: float, length: float) -> list[ContactPoin
     across = [2 * i / (bridge.points - 1) - 1 for i in range(bridge.points)]  # -1 to 1
     half = bridge.width / length / 2
     return [
-        ContactPoint(bridge.at + half * x, None, bridge.height - bridge.depth * x**2, stiffness / bridge.points)
+        ContactPoint(bridge.at + half * x, None, bridge.height - bridge.depth * square(x), stiffness / bridge.points)
         for x in across
     ]
 
@@ -79,7 +97,7 @@ def _bridge(bridge: Bridge, stiffness: float, length: float) -> list[ContactPoin
 def _frets(frets: Frets, stiffness: float) -> list[ContactPoint]:
     """Return a point for each fret; each has the whole stiffness. Two heights for several frets are those of the first
     and the last; the others lie on a line between them."""
-    at = frets.at or [1 - 2 ** (-n / 12) for n in range(1, (frets.count or 0) + 1)]
+    at = frets.at or [1 - power(2.0, -n / 12) for n in range(1, (frets.count or 0) + 1)]
     height = frets.height if isinstance(frets.height, list) else [frets.height] * len(at)
     if len(height) == 2 and len(at) > 2:
         low, high = height
@@ -89,6 +107,7 @@ def _frets(frets: Frets, stiffness: float) -> list[ContactPoint]:
 
 FEW_LINEAR_CONTACTS = 24  # of α = 1, without contact loss
 MIN_CONTACTS = 10  # below, the solve in the space of all contacts is faster
+CERTAIN = 1e3  # times it: so long a rest of a row is a singular value that counts
 KEPT_SINGULAR_VALUE = 1e-9  # of the largest; what is left out moves the points by that much less
 
 
@@ -117,13 +136,16 @@ def truncate_shapes(phi: np.ndarray) -> tuple[np.ndarray, int]:
     contacts = phi.shape[0]
     if contacts < MIN_CONTACTS or not phi.any():
         return phi, 0
-    left, singular, right = np.linalg.svd(phi, full_matrices=False)
+    most = min(MAX_RANK, contacts // 2)
+    if len(span_rows(phi, CERTAIN * KEPT_SINGULAR_VALUE, most + 1)) > most:
+        return phi, 0
+    left, singular, right = singular_vectors(phi, KEPT_SINGULAR_VALUE / CERTAIN)
     rank = int(np.sum(singular > KEPT_SINGULAR_VALUE * singular[0]))
     if rank == MAX_RANK + 1 and singular[MAX_RANK] <= 10.0 * KEPT_SINGULAR_VALUE * singular[0]:
         rank = MAX_RANK  # a voice whose pitch changes keeps its basis
-    if rank > min(MAX_RANK, contacts // 2):
+    if rank > most:
         return phi, 0
-    return (left[:, :rank] * singular[:rank]) @ right[:rank], rank
+    return product(left[:, :rank] * singular[:rank], right[:rank]), rank
 
 
 def find_basis(
@@ -137,24 +159,27 @@ def find_basis(
     factors:     of connections
     """
     root = np.sqrt(kick * drift)
-    left, singular, right = np.linalg.svd(phi * root, full_matrices=False)
-    shapes, at_contacts = right[:rank] / root, left[:, :rank] * singular[:rank]
+    rows = span_rows(phi * root, most=rank)
+    shapes, at_contacts = rows / root, product(phi * root, rows.T)
     held = np.zeros((rank, rank))
     if factors is not None:
-        lower = np.linalg.cholesky(factors.reduce(factors.contact_moves(shapes * kick), np.eye(rank)))
-        shapes, at_contacts = np.linalg.solve(lower, shapes), at_contacts @ lower
+        lower = cholesky(factors.reduce(factors.contact_moves(shapes * kick), np.eye(rank)))
+        shapes, at_contacts = solve(lower, shapes), product(at_contacts, lower)
         held = factors.reduce(factors.contact_moves(shapes * kick), held)
     rounding = np.empty((rank, rank))
     for i, drifts in enumerate(shapes * drift):
         for j, kicks in enumerate(shapes * kick):
-            product, error = two_product(drifts, kicks)
-            rounding[i, j] = math.fsum([*product, *error, held[i, j], -float(i == j)])
+            terms, errors = two_product(drifts, kicks)
+            rounding[i, j] = math.fsum([*terms, *errors, held[i, j], -float(i == j)])
+    at_contacts = at_contacts - product(at_contacts, rounding)  # so that U·Y = Φ though Y·M·Yᵀ is not quite 1
     return BasisOfIsland(at_contacts, rounding, shapes)
 
 
 def entries_by_row(basis: BasisOfIsland) -> np.ndarray:
     """Return U and then U·E, row by row: five rows of each, padded to a multiple of eight contacts [10 × lanes]."""
-    return np.concatenate([_padded(u).T.ravel() for u in (basis.at_contacts, basis.at_contacts @ basis.rounding)])
+    return np.concatenate(
+        [_padded(u).T.ravel() for u in (basis.at_contacts, product(basis.at_contacts, basis.rounding))]
+    )
 
 
 def products_by_contact(basis: BasisOfIsland) -> np.ndarray:
@@ -183,7 +208,8 @@ def contact_sides(contact: Contact | Friction, point: ContactPoint) -> tuple[Bod
     """Return the two body points that a contact point joins, each with the sign of its part in the compression."""
     sign = 1.0 if contact.side == "above" else -1.0
     angle = contact.angle if isinstance(contact, Friction) else 0.0
-    return BodyPoint(contact.body, point.at, sign, angle=angle), BodyPoint(contact.on, point.on_at, -sign)
+    own, other = place_of(point.at, point.radius), place_of(point.on_at, point.on_radius)
+    return BodyPoint(contact.body, own, sign, angle=angle), BodyPoint(contact.on, other, -sign)
 
 
 def offset(contact: Contact | Friction, point: ContactPoint) -> float:

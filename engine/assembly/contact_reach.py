@@ -6,6 +6,10 @@ import math
 
 import numpy as np
 
+from engine.arithmetic.elementary import square
+from engine.arithmetic.linear import solve
+from engine.arithmetic.plain_numbers import power
+from engine.arithmetic.products import product
 from engine.assembly.contact_points import BodyPoint, contact_sides, offset
 from engine.assembly.coordinates import Coordinates
 from engine.assembly.external_forces import acting_forces
@@ -33,7 +37,7 @@ def contact_reach(layout: Layout, seconds: float) -> np.ndarray:
         is_connected = np.full(modes_size, not layout.islands.coordinates[n].items)
         for b in layout.islands.coordinates_of_body.keys() & bodies:
             is_connected[layout.modes.in_island[b]] = True
-        squares = np.where(is_connected[modes], shapes[contacts, modes] ** 2, 0.0)
+        squares = np.where(is_connected[modes], square(shapes[contacts, modes]), 0.0)
         whole = np.bincount(contacts, squares * np.where(is_connected, _modal_compliances(layout, n), 0.0)[modes], size)
         limit = 2 * np.sqrt(_static_compliances(layout, n, shapes, whole))
         reach.append(np.minimum(seconds * np.sqrt(np.bincount(contacts, squares, size)), limit))
@@ -43,7 +47,7 @@ def contact_reach(layout: Layout, seconds: float) -> np.ndarray:
 def _modal_compliances(layout: Layout, island: int) -> np.ndarray:
     """Return 1/ω² of the modes of an island [modes], s²; infinite for free masses."""
     omega = layout.modes.omega[layout.modes.of_island[island]]
-    return np.where(omega == 0.0, math.inf, 1 / np.where(omega == 0.0, 1.0, omega) ** 2)
+    return np.where(omega == 0.0, math.inf, 1 / square(np.where(omega == 0.0, 1.0, omega)))
 
 
 def _static_compliances(layout: Layout, island: int, shapes: np.ndarray, whole: np.ndarray) -> np.ndarray:
@@ -56,10 +60,10 @@ def _static_compliances(layout: Layout, island: int, shapes: np.ndarray, whole: 
     ends = np.flatnonzero(np.any(coupling != 0.0, axis=1))
     rows, is_bound = layout.points.coordinate_rows[island][ends], np.isfinite(modal_compliance)
     held, weighted = coupling[np.ix_(ends, ends)], rows * np.where(is_bound, modal_compliance, 0.0)
-    factor = np.linalg.solve(np.eye(ends.size) + held @ weighted @ rows.T, held)
-    moved, has_free_end = weighted @ shapes.T, np.any(rows[:, ~is_bound])
+    factor = solve(np.eye(ends.size) + product(product(held, weighted), rows.T), held)
+    moved, has_free_end = product(weighted, shapes.T), np.any(rows[:, ~is_bound])
     whole = np.full_like(whole, math.inf) if has_free_end else whole
-    return np.asarray(np.maximum(0.0, whole - np.einsum("ij,ij->j", moved, factor @ moved)))
+    return np.asarray(np.maximum(0.0, whole - np.sum(moved * product(factor, moved), axis=0)))
 
 
 # --- by the forces of connections
@@ -81,7 +85,7 @@ def contact_reach_by_forces(layout: Layout, step: StepCoefficients, is_bounded: 
             reach.append(np.zeros(len(shapes)))
         elif is_bounded[n] and not layout.islands.is_variable[n]:
             moves = _sums_of_moves(layout, n, _modes_after_push(step, inside))
-            reach.append(np.minimum(moves @ np.minimum(_largest_forces(layout, n), UNBOUNDED), UNBOUNDED))
+            reach.append(np.minimum(product(moves, np.minimum(_largest_forces(layout, n), UNBOUNDED)), UNBOUNDED))
         else:
             reach.append(np.full(len(shapes), UNBOUNDED))
     return np.concatenate(reach)
@@ -91,8 +95,8 @@ def _largest_forces(layout: Layout, island: int) -> np.ndarray:
     """Return the largest force at each coordinate of an island, N per √(2E) of the connected bodies [coordinates]. It
     is infinite if a damper or a rigid joint takes part."""
     items, coupling = layout.islands.coordinates[island]
-    rows = coupling @ layout.points.coordinate_rows[island]
-    whole = np.sum(np.where(rows != 0.0, _modal_compliances(layout, island), 0.0) * rows**2, axis=1)
+    rows = product(coupling, layout.points.coordinate_rows[island])
+    whole = np.sum(np.where(rows != 0.0, _modal_compliances(layout, island), 0.0) * square(rows), axis=1)
     by_coupling = np.sqrt(_static_compliances(layout, island, rows, whole))
     forces = np.where(np.any(coupling != 0.0, axis=1), by_coupling, 0.0)
     forces += np.sqrt(np.array([item.stiffness for item in items]))
@@ -130,7 +134,7 @@ def _sums_of_moves(layout: Layout, island: int, moved: np.ndarray) -> np.ndarray
         for side, row in zip(contact_sides(layout.touching[contact], point), sides, strict=True):
             number = -1 if side.body is None else layout.body_index[side.body]
             for coordinate in islands.coordinates_of_body.get(number, ()):
-                moves[coordinate] += (rows[coordinate, row.in_island] * row.phi) @ moved[row.in_island]
+                moves[coordinate] += product(rows[coordinate, row.in_island] * row.phi, moved[row.in_island])
         sums[k] = np.sum(np.abs(moves), axis=1)
     return sums
 
@@ -165,7 +169,7 @@ def initial_reach(system: ModalSystem, islands: Islands, island: int, driven: se
     is_heavy = scene.gravity != 0.0 and any(body.gravity_participation.any() for body in bodies)
     if is_heavy or any(scene.body[b].name in driven for b in islands.bodies[island]):
         return math.inf
-    energy = sum(float(np.sum(m.p**2 + (m.omega * m.q) ** 2)) / 2 for m in bodies)
+    energy = sum(float(np.sum(square(m.p) + square(m.omega * m.q))) / 2 for m in bodies)
     energy += _spring_energy(system, islands.coordinates[island])
     return math.sqrt(2 * (energy + sum(initial_contact_energy(system, k) for k in islands.contacts[island])))
 
@@ -193,15 +197,17 @@ def static_compliance(system: ModalSystem, point: BodyPoint) -> float:
     phi, omega = system.shape_at(point), system.modal_bodies[system.body_index[point.body]].omega
     moved = phi != 0.0
     with np.errstate(over="ignore"):  # a mode may be extremely slow
-        return math.inf if np.any(omega[moved] == 0.0) else float(np.sum((phi[moved] / omega[moved]) ** 2))
+        return math.inf if np.any(omega[moved] == 0.0) else float(np.sum(square(phi[moved] / omega[moved])))
 
 
 def _spring_energy(system: ModalSystem, coordinates: Coordinates) -> float:
     """Return the energy that the springs of an island hold at time 0, J."""
     bodies = system.modal_bodies
-    extensions = [sum(float(row @ bodies[b].q) for b, row in c.parts.items()) - c.rest for c in coordinates.items]
+    extensions = [
+        sum(float(product(row, bodies[b].q)) for b, row in c.parts.items()) - c.rest for c in coordinates.items
+    ]
     s = np.array(extensions)
-    return float(0.5 * s @ coordinates.stiffness() @ s)
+    return float(product(product(0.5 * s, coordinates.stiffness()), s))
 
 
 def initial_contact_energy(system: ModalSystem, k: int) -> float:
@@ -211,6 +217,6 @@ def initial_contact_energy(system: ModalSystem, k: int) -> float:
         s = -offset(contact, point)
         for side in contact_sides(contact, point):
             if side.body is not None:
-                s += float(system.shape_at(side) @ system.modal_bodies[system.body_index[side.body]].q)
-        energy += point.stiffness * max(0.0, s) ** (contact.exponent + 1) / (contact.exponent + 1)
+                s += float(product(system.shape_at(side), system.modal_bodies[system.body_index[side.body]].q))
+        energy += point.stiffness * power(max(0.0, s), contact.exponent + 1) / (contact.exponent + 1)
     return energy

@@ -16,6 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.arithmetic.elementary import sin, square
+from engine.arithmetic.linear import solve, symmetric_eigenvectors
+from engine.arithmetic.products import product
+
 
 class Coordinate(NamedTuple):
     """A coordinate of connections: the sum of row · modal displacements over its bodies, minus its rest length."""
@@ -55,12 +59,12 @@ class IslandFactors(NamedTuple):
 
         moves: of the coordinates by the points (contact_moves)
         """
-        return np.asarray(matrix - moves.T @ self.per_move @ moves)
+        return np.asarray(matrix - product(product(moves.T, self.per_move), moves))
 
     def contact_moves(self, kicks: np.ndarray) -> np.ndarray:
         """Return the displacement of each coordinate per newton at each point [coordinates, rows], m/N. kicks: t·Φ of
         the points [rows, modes]"""
-        return np.asarray(self.drifts @ kicks.T)
+        return np.asarray(product(self.drifts, kicks.T))
 
 
 def find_factors(
@@ -75,14 +79,14 @@ def find_factors(
     """
     items, unit = coordinates.items, np.eye(len(coordinates.items))
     kicks, drifts = rows * kick, rows * drift
-    compliance = kicks @ drifts.T
+    compliance = product(kicks, drifts.T)
     rigid = np.array([item.is_rigid for item in items])
     held = np.where(rigid, 1 / np.where(rigid, np.diag(compliance), 1.0), 0.0)
     per_extension = coordinates.coupling + np.diag([item.stiffness for item in items] + held)
     damping = np.diag([item.damping * step_rate for item in items])
     per_move = np.where(rigid[:, None], np.diag(held), per_extension / 2 + damping)
-    matrix = np.where(rigid[:, None], 0.0, unit) + per_move @ compliance
-    x, y = np.linalg.solve(matrix, per_extension), np.linalg.solve(matrix, per_move)
+    matrix = np.where(rigid[:, None], 0.0, unit) + product(per_move, compliance)
+    x, y = np.split(solve(matrix, np.concatenate([per_extension, per_move], axis=1)), 2, axis=1)
     return IslandFactors(compliance, x, y, drifts)
 
 
@@ -108,7 +112,8 @@ class _Rows(NamedTuple):
         """Return the excess compliance of rows that have a share of the gain [coordinates, coordinates], m/N."""
         scaled = self.scaled(share)
         return np.asarray(
-            (scaled * self.modal_compliance) @ scaled.T - (self.shapes * self.modal_compliance) @ self.shapes.T
+            product(scaled * self.modal_compliance, scaled.T)
+            - product(self.shapes * self.modal_compliance, self.shapes.T)
         )
 
 
@@ -136,13 +141,16 @@ def compensate_springs(
     root = np.sqrt(stiffness[joint])
     for _ in range(3):
         excess = rows.excess(share)[np.ix_(joint, joint)]
-        taken = float(np.max(np.linalg.eigvalsh(root[:, None] * excess * root), initial=0.0))
+        held = root[:, None] * excess * root
+        if not np.max(np.sum(np.abs(held), axis=1), initial=0.0) > MAX_SHARE:  # a bound of its eigenvalues
+            break
+        taken = float(symmetric_eigenvectors(held)[0][-1])
         share[joint] *= min(1.0, MAX_SHARE / max(taken, MAX_SHARE))
     excess, scaled = rows.excess(share), rows.scaled(share)
     coupling = coordinates.coupling.copy()
     if joint.size:
         held = root[:, None] * excess[np.ix_(joint, joint)] * root
-        coupling[np.ix_(joint, joint)] = root[:, None] * np.linalg.inv(np.eye(joint.size) - held) * root
+        coupling[np.ix_(joint, joint)] = root[:, None] * solve(np.eye(joint.size) - held, np.eye(joint.size)) * root
     changed = []
     for i, item in enumerate(items):
         parts = {b: scaled[i, modes] for b, modes in rows.modes.items() if b in item.parts}
@@ -167,7 +175,7 @@ def _rows(items: Sequence[Coordinate], omega_of: Callable[[int], np.ndarray], st
     all_omega = np.concatenate(omega)
     angle = np.minimum(all_omega * step, 3.0)
     moving = np.where(all_omega > 0.0, all_omega, 1.0)
-    gain = np.where(all_omega > 0.0, np.minimum(angle / np.sin(np.where(angle > 0.0, angle, 1.0)), MAX_GAIN) - 1, 0.0)
+    gain = np.where(all_omega > 0.0, np.minimum(angle / sin(np.where(angle > 0.0, angle, 1.0)), MAX_GAIN) - 1, 0.0)
     ends = np.cumsum([0] + [w.size for w in omega]).tolist()
     modes = {b: slice(*ends[n : n + 2]) for n, b in enumerate(bodies)}
-    return _Rows(modes, np.array(shapes), np.where(all_omega > 0.0, 1 / moving**2, 0.0), gain)
+    return _Rows(modes, np.array(shapes), np.where(all_omega > 0.0, 1 / square(moving), 0.0), gain)

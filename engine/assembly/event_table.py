@@ -5,14 +5,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from engine.arithmetic.plain_numbers import exp
 from engine.assembly.coordinates import stiffness_beside
+from engine.assembly.external_forces import find_pluck_point
 from engine.assembly.layout import Layout
 from engine.kernel.data.enums import FRICTION_EVENTS, NO_END, UNUSED_SLOT, EventKind
 from engine.kernel.data.model import Events
 from engine.patch.frames import nearest_frame
 from engine.patch.friction import CHANGED_KEYS as FRICTION_KEYS
 from engine.patch.friction import Friction
-from engine.patch.tables import ChangeEvent, DampEvent, Event, StrikeEvent
+from engine.patch.tables import ChangeEvent, DampEvent, Event, LiftEvent, PluckEvent, StrikeEvent
 
 
 class EventRow(NamedTuple):
@@ -26,6 +28,19 @@ class EventRow(NamedTuple):
     length: int  # frames
     value: float = 0.0
     value2: float = 0.0
+    value3: float = 0.0
+    note: int = 0  # the note that it belongs to, with whose end it is cancelled if it has not begun; 0: none
+    is_release: bool = False  # whether it ends a note, and is never dropped
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """All integers, in the order of engine.runtime.event_slots.EventSlot."""
+        return *self[:6], self.note, int(self.is_release)
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The values."""
+        return self[6:9]
 
 
 def event_table(
@@ -41,23 +56,28 @@ def event_table(
     slots = [EventRow(EventKind.DAMP, n, 0, 0, UNUSED_SLOT, 0, 1.0) for n in islands]
     times = [1] * len(rows) + [capacity] * len(slots)  # of each row
     whole = np.repeat(np.array([row[:6] for row in rows + slots], np.int64), times, axis=0)
-    values = np.repeat(np.array([row[6:] for row in rows + slots], float), times, axis=0)
+    values = np.repeat(np.array([row.values for row in rows + slots], float), times, axis=0)
     counts = np.bincount(whole[:, 1], minlength=len(islands))
     if not len(whole):
         return None, counts
     order = np.lexsort((whole[:, 4], whole[:, 1]))  # by island, then by time
     kind, _, target_begin, target_end, start, length = whole[order].T.copy()
-    value, value2 = values[order].T.copy()
-    return Events(kind, start, start + length, target_begin, target_end, value, value2), counts
+    return Events(kind, start, start + length, target_begin, target_end, *values[order].T.copy()), counts
 
 
 def event_rows(layout: Layout, event: Event, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:
-    """Return an event as rows of the score. A pluck has none, as it is an external force; nor has a change of
-    tables."""
+    """Return an event as rows of the score. A change of tables has none; nor has a pluck without a force.
+
+    All that an event does is counted in frames from the frame at which it begins: so it is the same at any time.
+    """
     if isinstance(event, StrikeEvent):
         return [_strike(layout, event, samplerate)]
+    if isinstance(event, PluckEvent):
+        return [_pluck(layout, event, samplerate)] if event.amplitude != 0.0 else []
     if isinstance(event, DampEvent):
         return [_damp(layout, event, samplerate)]
+    if isinstance(event, LiftEvent):
+        return [_lift(layout, event, samplerate)]
     if isinstance(event, ChangeEvent) and event.connection is not None:
         return _change_connection(layout, event, samplerate)
     if isinstance(event, ChangeEvent) and event.friction is not None:
@@ -76,20 +96,34 @@ def _strike(layout: Layout, event: StrikeEvent, samplerate: float) -> EventRow:
     return EventRow(EventKind.STRIKE, island, modes.start, modes.stop, start, 1, position, momentum)
 
 
+def _pluck(layout: Layout, event: PluckEvent, samplerate: float) -> EventRow:
+    point = find_pluck_point(layout.islands.forces, event)
+    island = layout.islands.of_body[layout.body_index[event.body]]
+    place = point - sum(layout.islands.of_body[layout.body_index[f.body]] < island for f in layout.islands.forces)
+    rise, fall = event.duration * samplerate, event.release * samplerate
+    start, length = nearest_frame(event.time, samplerate), math.ceil(rise + fall)
+    return EventRow(EventKind.PLUCK, island, place, place + 1, start, length, event.amplitude, rise, fall)
+
+
+def _lift(layout: Layout, event: LiftEvent, samplerate: float) -> EventRow:
+    number = layout.body_index[event.body]
+    modes, island = layout.modes.in_island[number], layout.islands.of_body[number]
+    return EventRow(EventKind.LIFT, island, modes.start, modes.stop, nearest_frame(event.time, samplerate), 1)
+
+
 def _damp(layout: Layout, event: DampEvent, samplerate: float) -> EventRow:
     number = layout.body_index[event.body]
     modes, start = layout.modes.in_island[number], nearest_frame(event.time, samplerate)
-    end = NO_END if event.duration is None else nearest_frame(event.time + event.duration, samplerate)
+    end = NO_END if event.duration is None else start + nearest_frame(event.duration, samplerate)
     # a decay rate σ takes the share 1 - exp(-2σh) of the energy; of a vibration, half is kinetic
-    keep = math.exp(-2 * event.sigma / samplerate)
+    keep = exp(-2 * event.sigma / samplerate)
     island = layout.islands.of_body[number]
     return EventRow(EventKind.DAMP, island, modes.start, modes.stop, start, end - start, keep)
 
 
 def _frames(event: ChangeEvent, samplerate: float) -> tuple[int, int]:
     """Return the step in which a change begins, and how many steps it takes."""
-    start = nearest_frame(event.time, samplerate)
-    return start, max(1, nearest_frame(event.time + event.duration, samplerate) - start)
+    return nearest_frame(event.time, samplerate), max(1, nearest_frame(event.duration, samplerate))
 
 
 def _change_contact(layout: Layout, event: ChangeEvent, stiffness: np.ndarray, samplerate: float) -> list[EventRow]:

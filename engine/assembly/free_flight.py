@@ -10,7 +10,9 @@ from functools import reduce
 
 import numpy as np
 
-from engine.assembly.double_double import Pair, add, as_pair, multiply
+from engine.arithmetic.double_double import Pair, add, as_pair, multiply
+from engine.arithmetic.elementary import square
+from engine.arithmetic.products import product
 from engine.assembly.mode_shape_rows import place_entries
 from engine.assembly.pickup_points import HeardPoint
 from engine.kernel.data.enums import FLIGHT_FRAMES, FLIGHT_PART, Quantity
@@ -44,9 +46,8 @@ def build_free_flight(
     power, frames = single, 1
     part = single
     while frames < FLIGHT_FRAMES:
-        lost = lost + np.einsum(
-            "kim,klm,ljm->ijm", power.high, lost, power.high
-        )  # over the second half of twice as many
+        backwards = np.swapaxes(power.high, 0, 1)
+        lost = lost + multiply_maps(multiply_maps(backwards, lost), power.high)  # over the second half
         power, frames = matrix_product(power, power), 2 * frames
         part = power if frames == FLIGHT_PART else part
     return FreeFlight(
@@ -54,7 +55,7 @@ def build_free_flight(
         motion_low=FreeMotionResidue(*free_entries(power.low)),
         part=FreeMotion(*free_entries(part.high)),
         bound_per_speed=np.minimum(span, 2 / np.where(is_free, 1 / span, omega)),
-        bound_per_weight=np.where(is_free, 0.5 * span**2, 0.0),
+        bound_per_weight=np.where(is_free, 0.5 * square(span), 0.0),
         loss=FlightLoss(lost[Q, Q], 2 * lost[Q, P], lost[P, P]) if lost.any() else None,
         weight=None
         if weight is None
@@ -98,6 +99,11 @@ def matrix_product(a: Pair, b: Pair) -> Pair:
     return reduce(add, others, first)
 
 
+def multiply_maps(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the product a·b of matrices of each mode [rows, columns, modes]."""
+    return np.asarray(np.sum(a[:, :, None] * b, axis=1))
+
+
 def free_entries(matrix: np.ndarray) -> list[np.ndarray]:
     """Return the entries of a map that belong to q and p, in the order of FreeMotion."""
     return [matrix[i, j].copy() for i in (Q, P) for j in (Q, P)]
@@ -112,7 +118,7 @@ def flight_weight(whole: Pair, lost: np.ndarray, weight: np.ndarray, pickup_valu
         p_low=push.low,
         lost_per_q=2 * lost[Q, W] * weight,
         lost_per_p=2 * lost[P, W] * weight,
-        lost=lost[W, W] * weight**2,
+        lost=lost[W, W] * square(weight),
         pickup_values=pickup_values,
     )
 
@@ -124,13 +130,11 @@ def map_row(pickup: HeardPoint) -> int:
 
 def pickup_values_of_weight(step: np.ndarray, weight: np.ndarray, pickups: Sequence[HeardPoint]) -> np.ndarray:
     """Return the pickup signals of bodies that fall from rest [pickups, FLIGHT_FRAMES]."""
-    table = np.zeros((len(pickups), FLIGHT_FRAMES))
-    fallen = np.zeros((2, weight.size))
-    for frame in range(FLIGHT_FRAMES):
-        for n, pickup in enumerate(pickups):
-            table[n, frame] = pickup.row.phi @ fallen[map_row(pickup), pickup.row.modes]
-        fallen = np.einsum("ijm,jm->im", step[:W, :W], fallen) + step[:W, W] * weight
-    return table
+    fallen = np.zeros((FLIGHT_FRAMES, 2, weight.size))
+    for frame in range(1, FLIGHT_FRAMES):
+        fallen[frame] = np.sum(step[:W, :W] * fallen[frame - 1], axis=1) + step[:W, W] * weight
+    rows = [product(fallen[:, map_row(pickup), pickup.row.modes], pickup.row.phi) for pickup in pickups]
+    return np.array(rows).reshape(len(pickups), FLIGHT_FRAMES)
 
 
 def pickup_tables(step: np.ndarray, pickups: Sequence[HeardPoint]) -> np.ndarray:
@@ -139,7 +143,7 @@ def pickup_tables(step: np.ndarray, pickups: Sequence[HeardPoint]) -> np.ndarray
     power, powers = np.repeat(np.eye(2)[:, :, None], step.shape[2], axis=2), []
     for _ in range(FLIGHT_PART):
         powers.append(power)
-        power = np.einsum("ikm,kjm->ijm", step[:W, :W], power)
+        power = multiply_maps(step[:W, :W], power)
     frames = np.array(powers)  # [frame, row, column, mode]
     values = []
     for pickup in pickups:

@@ -4,12 +4,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from engine.arithmetic.elementary import square
 from engine.assembly.layout import Layout
 from engine.faults import BuildError, Fault
 from engine.kernel.data import model
 from engine.kernel.data.enums import Sliding
 from engine.patch.accuracy import Accuracy
-from engine.patch.friction import CHANGED_KEYS, Friction
+from engine.patch.friction import CHANGED_KEYS, DAMPING_TIME, Friction
 from engine.patch.scene import Scene
 
 MIXING = 1e-3  # of the compliance of two points: less is no motion, as at an angle of 1.571 between them
@@ -54,14 +55,14 @@ def _blocks(begins: np.ndarray, coupling: np.ndarray | None) -> list[np.ndarray]
     counts = np.diff(begins)
     if coupling is None:
         return [np.zeros((count, count)) for count in counts]
-    parts = np.split(coupling, np.cumsum(counts**2)[:-1])
+    parts = np.split(coupling, np.cumsum(square(counts))[:-1])
     return [part.reshape(count, count) for part, count in zip(parts, counts, strict=True)]
 
 
 def _is_apart(pressed_by: np.ndarray, compliance: np.ndarray) -> bool:
     """True if contacts press points of an island, and the friction there moves no other point. compliance: B, m/N"""
     pressed, itself = pressed_by >= 0, np.diag(compliance)
-    mixed = compliance**2 > MIXING**2 * np.outer(itself, itself)
+    mixed = square(compliance) > square(MIXING) * np.outer(itself, itself)
     return bool(pressed.any()) and not mixed[np.ix_(pressed, ~pressed)].any()
 
 
@@ -81,4 +82,12 @@ def initial_friction(layout: Layout) -> np.ndarray | None:
     for slot, table in points.items():
         numbers[slot, : len(CHANGED_KEYS)] = [getattr(table, key) or 0.0 for key in CHANGED_KEYS]
         numbers[slot, Sliding.PRESS] = table.force or 0.0
+        numbers[slot, Sliding.DAMPING_TIME] = damping_time(table)
+        numbers[slot, Sliding.VISCOUS] = table.viscous
+        numbers[slot, Sliding.IS_EXPONENTIAL] = table.curve == "exponential"
     return numbers
+
+
+def damping_time(table: Friction) -> float:
+    """Return the damping of the bristle of a point over its stiffness, s."""
+    return DAMPING_TIME if table.bristle_damping is None else table.bristle_damping / table.bristle

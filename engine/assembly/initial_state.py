@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from engine.arithmetic.products import product
 from engine.assembly.array_memory import allocate
 from engine.assembly.connections import lowest_energies
 from engine.assembly.friction import friction_points, initial_friction
@@ -47,7 +48,9 @@ def initial_state(layout: Layout, model: Model) -> State:
         counts,
         q=modes.q,
         p=modes.p,
-        previous_velocity=np.array([heard.row.phi @ modes.p[heard.row.modes] for heard in layout.points.pickups]),
+        previous_velocity=np.array(
+            [product(heard.row.phi, modes.p[heard.row.modes]) for heard in layout.points.pickups]
+        ),
         drive=np.zeros((counts[Axis.DRIVE], DRIVE_FRAMES)) if model.drive is not None else None,
         connection=_initial_connections(layout, counts) if model.connection is not None else None,
         tension=initial_tension(layout, model.tension, counts) if model.tension is not None else None,
@@ -73,7 +76,7 @@ def _initial_connections(layout: Layout, counts: dict[Axis, int]) -> ConnectionS
     items = [item for coordinates in layout.islands.coordinates for item in coordinates.items]
     rest, of_islands = np.array([item.rest for item in items]), layout.modes.of_island
     rows = zip(layout.points.coordinate_rows, of_islands, strict=True)
-    extension = np.concatenate([of_island @ layout.modes.q[inside] for of_island, inside in rows])
+    extension = np.concatenate([product(of_island, layout.modes.q[inside]) for of_island, inside in rows])
     rigid = np.array([item.is_rigid for item in items])
     state: ConnectionState = allocate(
         ConnectionState,
@@ -118,4 +121,4 @@ def _initial_compressions(layout: Layout) -> np.ndarray:
 
 def _displacement(row: ShapeRow, q: np.ndarray) -> float:
     """Return the displacement at a point. q: of the modes of its island"""
-    return float(row.over_island(q.size) @ q) if q[row.in_island].any() else 0.0
+    return float(product(row.over_island(q.size), q)) if q[row.in_island].any() else 0.0

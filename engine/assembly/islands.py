@@ -1,7 +1,6 @@
 """Islands: who is where. Bodies, contacts, forces and coordinates of connections, in the order of the kernels' arrays,
 which are sorted by island."""
 
-from collections.abc import Set
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,11 +8,10 @@ import numpy as np
 from engine.assembly.connection_coordinates import connected_pairs, find_coordinates
 from engine.assembly.contact_points import ContactPoint
 from engine.assembly.coordinates import Coordinates
-from engine.assembly.external_forces import acting_forces
+from engine.assembly.external_forces import ExternalForces, acting_forces
 from engine.assembly.modal_system import ModalSystem
-from engine.assembly.one_way_drive import DriveForce, order_islands
+from engine.assembly.one_way_drive import order_islands
 from engine.assembly.subsystems import connected_components
-from engine.patch.tables import Force, PluckEvent
 
 
 class Islands(NamedTuple):
@@ -25,20 +23,17 @@ class Islands(NamedTuple):
     mode_counts: np.ndarray  # of the bodies of each island
     coordinates: list[Coordinates]  # of the connections of each island
     coordinates_of_body: dict[int, tuple[int, ...]]  # of each connected body, counted from the first of its island
-    is_variable: list[bool]  # whether connections of each island may change
+    is_variable: list[bool]  # whether connections of each island may change: those with a name
     contacts: list[list[int]]  # numbers of the contacts of each island that are built
     contact_points: list[tuple[int, ContactPoint]]  # all points, with the number of their contact
     contact_begins: np.ndarray  # first contact point of each island, and the number of all [islands + 1]
-    forces: list[Force | PluckEvent | DriveForce]  # all external forces
+    forces: ExternalForces  # all external forces
 
 
-def find_islands(
-    system: ModalSystem, contacts: list[int], variable: Set[str | None] = frozenset(), step: float | None = None
-) -> Islands:
+def find_islands(system: ModalSystem, contacts: list[int], step: float | None = None) -> Islands:
     """Return the islands of a scene.
 
     contacts: numbers of the contacts that are built
-    variable: names of the connections that may change
     step:     length of the steps for which springs are compensated, s; None: they are not
     """
     scene, index = system.scene, system.body_index
@@ -68,7 +63,8 @@ def find_islands(
         mode_counts=np.bincount(of_body, [body.omega.size for body in system.modal_bodies]).astype(np.int64),
         coordinates=coordinates,
         coordinates_of_body=coordinates_of_body,
-        is_variable=[not variable.isdisjoint(of_island) for of_island in names],
+        # the same live and in a rendering, whatever the score changes, so that both have the same samples
+        is_variable=[bool(of_island - {None}) for of_island in names],
         contacts=contacts_of,
         contact_points=[point for inside in points for point in inside],
         contact_begins=begins_of([len(inside) for inside in points]),

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from engine.arithmetic.elementary import square
 from engine.assembly.contact_points import BodyPoint
 from engine.assembly.islands import Islands, begins_of
 from engine.assembly.modal_system import ModalSystem
@@ -49,9 +50,9 @@ def segment_arrays(layout: Layout, event_counts: np.ndarray, pair_counts: Sequen
         Axis.MODE: [modes.stop - modes.start for modes in layout.modes.of_island],
         Axis.CONTACT: contacts,
         Axis.BASIS: [shapes.rank for shapes in points.contact_shapes],
-        Axis.COMPLIANCE: contacts**2,
+        Axis.COMPLIANCE: square(contacts),
         Axis.CONNECTION: connections,
-        Axis.CONNECTION_PAIR: connections**2,
+        Axis.CONNECTION_PAIR: square(connections),
         Axis.CONNECTION_CONTACT: connections * contacts,
         Axis.CONNECTION_PART: np.bincount(parts, minlength=contacts.size),
         Axis.PAIR_ON_BODY: pair_counts,

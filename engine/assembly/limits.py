@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from engine.arithmetic.elementary import square
 from engine.assembly.contact_points import count_points
 from engine.assembly.external_forces import count_steps
 from engine.assembly.islands import Islands
@@ -89,7 +90,7 @@ def _explain_unfit(body: Body, modal: ModalBody, samplerate: float, scheme: str)
     if worst > MAX_DECAY_RATE:
         message = f"one of its modes has a decay rate of {worst:.3g} 1/s, and the limit is {MAX_DECAY_RATE:g}"
         return f"{message}; give less loss, or fewer modes"
-    fastest = math.sqrt(max(0.0, float(np.max(modal.omega**2 - modal.sigma**2)))) / (2 * math.pi)
+    fastest = math.sqrt(max(0.0, float(np.max(square(modal.omega) - square(modal.sigma))))) / (2 * math.pi)
     if scheme == "exact" and fastest > highest:
         message = f"vibrates at {fastest:g} Hz, above {MAX_FREQUENCY_SHARE} of the sample rate of {samplerate:g} Hz"
         return f"{message}; render with --samplerate {math.ceil(fastest / MAX_FREQUENCY_SHARE)} or more"
@@ -133,6 +134,8 @@ def _places(scene: Scene) -> Iterator[tuple[str, str | None, int]]:
         yield f"body[{b}]", body.name, sum(len(body.split_positions(support.at)) for support in supports)
     yield from ((f"pickup[{i}]", pickup.body, 1) for i, pickup in enumerate(scene.pickup))
     yield from ((path, force.body, 1) for path, force in _external_forces(scene))
+    plucks = {repr((e.body, e.at, e.angle)): (i, e) for i, e in enumerate(scene.event) if isinstance(e, PluckEvent)}
+    yield from ((f"event[{i}]", event.body, 1) for i, event in plucks.values())
 
 
 def check_forces(scene: Scene, samplerate: float, seconds: float) -> None:
@@ -152,10 +155,9 @@ def check_forces(scene: Scene, samplerate: float, seconds: float) -> None:
             raise BuildError(Fault(path, f"{message}; give fewer seconds, or shorter forces"))
 
 
-def _external_forces(scene: Scene) -> Iterator[tuple[str, Force | PluckEvent]]:
-    """Yield the forces and the plucks of the score, with their paths."""
+def _external_forces(scene: Scene) -> Iterator[tuple[str, Force]]:
+    """Yield the forces, with their paths."""
     yield from ((f"force[{i}]", force) for i, force in enumerate(scene.force))
-    yield from ((f"event[{i}]", event) for i, event in enumerate(scene.event) if isinstance(event, PluckEvent))
 
 
 def unreadable_file(path: str, error: Exception) -> BuildError:

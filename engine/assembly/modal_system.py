@@ -1,12 +1,12 @@
 """A scene with its bodies as modes."""
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from engine.arithmetic.elementary import cos, sin
 from engine.assembly.contact_points import BodyPoint, ContactPoint, contact_points
 from engine.bodies.body import ModalBody
 from engine.patch.friction import Friction
@@ -53,7 +53,7 @@ class ModalSystem:
         modal, across = self.modal_bodies[self.body_index[name]], np.zeros(shape.size)
         built = shape.size - modal.residual - modal.silent
         across[1:built:2] = shape[0:built:2]
-        return np.asarray(math.cos(angle) * shape + math.sin(angle) * across)
+        return np.asarray(cos(angle) * shape + sin(angle) * across)
 
     def same_bodies(self, scene: Scene) -> dict[int, ModalBody]:
         """Return the modal bodies that another scene has too, by their numbers. Contacts at other places change the

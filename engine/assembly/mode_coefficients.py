@@ -1,11 +1,13 @@
 """Coefficients of a step of each mode: kick t and drift v (engine.kernel.modes.mode_step), and the factors of loss."""
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
+from engine.arithmetic.double_double import two_product
+from engine.arithmetic.elementary import cosh, exp, expm1, sin, sin_and_cos, sinh, square, tanh
+from engine.arithmetic.plain_numbers import whole_power
 from engine.assembly.modes import Modes
 from engine.faults import BuildError, Fault
 from engine.kernel.data.model import ModalLoss
@@ -31,7 +33,7 @@ def midpoint_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tup
     Frequencies are warped to (2/h)·atan(ωh/2) (paper, sec. 4).
     """
     kick = np.full_like(omega, h / 2)
-    return kick, 2 * kick / (1 + (omega * kick) ** 2)
+    return kick, 2 * kick / (1 + square(omega * kick))
 
 
 def exact_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
@@ -46,31 +48,41 @@ def exact_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[
     swings = sigma < omega
     w, s = omega[swings], sigma[swings]
     half_angle = np.sqrt((w - s) * (w + s)) * h / 2
-    lost = _squares(math.sinh, s * h / 2)
-    below = lost + _squares(math.sin, half_angle)  # (1 - cos θ)·cosh(σh)/2
-    above = lost + _squares(math.cos, half_angle)  # (1 + cos θ)·cosh(σh)/2
-    kick[swings] = np.sqrt(below / above) / w
-    drift[swings] = 2 * kick[swings] / (1 + _squares(float, w * kick[swings]))
-    for n in np.flatnonzero(~swings):
-        kick[n], drift[n] = _exact_creep(float(omega[n]), float(sigma[n]), h)
+    lost = square(sinh(s * h / 2))
+    sine, cosine = sin_and_cos(half_angle)
+    below, above = lost + square(sine), lost + square(cosine)  # (1 ∓ cos θ)·cosh(σh)/2
+    kick[swings], drift[swings] = _closest_pair(np.sqrt(below / above) / w, w)
+    if not np.all(swings):
+        kick[~swings], drift[~swings] = _exact_creep(omega[~swings], sigma[~swings], h)
     return kick, drift
 
 
-def _squares(function: Callable[[float], float], values: np.ndarray) -> np.ndarray:
-    """Return the squares of a function. Those of NumPy round otherwise on each processor."""
-    return np.array([function(value) ** 2 for value in values.tolist()])
+def _closest_pair(kick: np.ndarray, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return kick t and drift v with the least rounding error of v·(ω² + a²) = 2a, a = ω²·t, of kicks that differ in
+    their last digits: what it leaves of the energy, each step adds (docs/design.md, sec. 1)."""
+    kicks = kick * (1 + 2.0**-52 * np.arange(-4, 5))[:, None]
+    drifts = 2 * kicks / (1 + square(omega * kicks))
+    stiffness = square(omega)
+    a = kicks * stiffness
+    (x, x_rest), (y, y_rest) = two_product(drifts, stiffness), two_product(a, a)
+    z, z_rest = two_product(drifts, y)
+    left = ((2 * a - x) - z) - (x_rest + z_rest + drifts * y_rest)
+    best = np.argmin(np.abs(left), axis=0), np.arange(kick.size)
+    return kicks[best], drifts[best]
 
 
-def _exact_creep(w: float, s: float, h: float) -> tuple[float, float]:
-    """Return kick and drift (s) of a mode that does not swing: overdamped, or a free mass."""
-    if w == 0.0:
-        half = h / 2 * (math.sqrt(math.tanh(s * h) / (s * h)) if s * h > 0.0 else 1.0)
-        return half, 2 * half
-    slow = math.sqrt((s - w) * (s + w))
-    below = math.sinh((s + slow) * h / 2) * math.sinh(w * w / (s + slow) * h / 2)
-    above = math.sinh(s * h / 2) ** 2 + math.cosh(slow * h / 2) ** 2
-    kick = math.sqrt(below / above) / w
-    return kick, 2 * kick / (1 + (w * kick) ** 2)
+def _exact_creep(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return kick and drift (s) of modes that do not swing: overdamped, or free masses."""
+    is_free, x = omega == 0.0, sigma * h
+    of_mass = h / 2 * np.sqrt(np.where(x > 0.0, tanh(x) / np.where(x > 0.0, x, 1.0), 1.0))
+    if np.all(is_free):
+        return of_mass, 2 * of_mass
+    w, s = np.where(is_free, 1.0, omega), np.where(is_free, 1.0, sigma)
+    slow = np.sqrt((s - w) * (s + w))
+    below = sinh((s + slow) * h / 2) * sinh(w * w / (s + slow) * h / 2)
+    above = square(sinh(s * h / 2)) + square(cosh(slow * h / 2))
+    kick = np.where(is_free, of_mass, np.sqrt(below / above) / w)
+    return kick, 2 * kick / (1 + square(omega * kick))
 
 
 def damped_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
@@ -87,54 +99,85 @@ def damped_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple
     and x = e^(-2σh)/d². The drift then takes the energy ½(1 - x)(1 + x - ω²tv)·p², with p the momentum before x, and
     nothing else, for v·(1 + ω²t²) = t·(1 + x). Valid for any damping, ω_d·h < π.
     """
-    slow = np.sqrt((sigma - omega).astype(complex)) * np.sqrt(sigma + omega)  # i·ω_d
-    move, give, brake = _responses(sigma, slow, h)
-    left = np.exp(-2 * sigma * h)
-    stay = 1 - omega**2 * give
+    move, give, brake = _responses(omega, sigma, h)
+    left = exp(-2 * sigma * h)
+    stay = 1 - square(omega) * give
     near = np.abs(stay) > 0.5  # of two forms of d², each where it does not cancel
-    square = np.where(
+    kept = np.where(
         near,
-        (move**2 - give * left) / np.where(near, give * stay, 1.0),
+        (square(move) - give * left) / np.where(near, give * stay, 1.0),
         (left - brake) / np.where(near, 1.0, 1 - stay),
     )
-    square = np.minimum(square, 1.0)  # but for rounding, it is
-    keep = np.sqrt(square)
-    kick, inside = give * keep / move, np.minimum(left / square, 1.0)
-    drift = kick * (1 + inside) / (1 + (omega * kick) ** 2)
-    return kick, drift, keep, inside, 0.5 * (1 - inside) * (1 + inside - omega**2 * kick * drift)
+    kept = np.minimum(kept, 1.0)  # but for rounding, it is
+    keep = np.sqrt(kept)
+    kick, inside = give * keep / move, np.minimum(left / kept, 1.0)
+    drift = kick * (1 + inside) / (1 + square(omega * kick))
+    return kick, drift, keep, inside, 0.5 * (1 - inside) * (1 + inside - square(omega) * kick * drift)
 
 
 def exact_motion(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a, A and b of the exact motion of each mode on which nothing acts (damped_coefficients)."""
-    slow = np.sqrt((sigma - omega).astype(complex)) * np.sqrt(sigma + omega)  # i·ω_d
-    move, give, brake = _responses(sigma, slow, h)
-    return 1 - omega**2 * give, move, brake
+    move, give, brake = _responses(omega, sigma, h)
+    return 1 - square(omega) * give, move, brake
 
 
-def _responses(sigma: np.ndarray, slow: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
+GAMMA_TERMS = 60  # of a series in σh, which is below 4 where it is used
+
+
+def _responses(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
     """Return A and C, the displacement of a mode in a step per momentum and per force, and the factor b."""
-    from scipy.special import gammainc  # 0.1 s, which most scenes need not wait for
+    turned = (omega - sigma) * (omega + sigma) * h * h  # (ω_d·h)²
+    close = np.abs(turned) < square(0.02)  # the two rates of decay are nearly one, and their difference would cancel
+    swings = (turned > 0.0) & ~close
+    out = np.empty((3, omega.size))
+    for chosen, respond in ((close, _respond_closely), (swings, _swing), (~close & ~swings, _creep)):
+        if np.any(chosen):
+            out[:, chosen] = respond(omega[chosen], sigma[chosen], h)
+    return tuple(out)
 
-    close = np.abs(slow) * h < 0.02  # the two rates of decay are nearly one, and their difference would cancel
-    apart = np.where(close, 1.0 / h, slow)
+
+def _swing(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
+    """Return A, C and b of modes that swing."""
+    rate = np.sqrt((omega - sigma) * (omega + sigma))
+    (sine, cosine), decay = sin_and_cos(rate * h), exp(-sigma * h)
+    move = decay * sine / rate
+    less = expm1(-sigma * h) * cosine - 2 * square(sin(rate * h / 2))  # e^(-σh)·cos(ω_d·h) - 1
+    return move, -(less + sigma * move) / square(omega), decay * cosine - sigma * move
+
+
+def _creep(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
+    """Return A, C and b of modes that do not swing."""
+    apart = np.sqrt((sigma - omega) * (sigma + omega))
     fast = sigma + apart
-    late = np.where(close, fast, (sigma - slow) * (sigma + slow) / fast)
-    move = (np.exp(-late * h) - np.exp(-fast * h)) / (2 * apart)
+    late = square(omega) / fast
+    of_late, of_fast = exp(-late * h), exp(-fast * h)
     give = (_mean_decay(late, h) - _mean_decay(fast, h)) / (2 * apart)
-    brake = (fast * np.exp(-fast * h) - late * np.exp(-late * h)) / (2 * apart)
-    x, square = np.maximum(sigma * h, 1e-40), np.real((slow * h) ** 2)
-    sine, cosine = 1 + square / 6 * (1 + square / 20), 1 + square / 2 * (1 + square / 12)
-    series = [h * np.exp(-x) * sine]
-    series.append(h**2 * sum(square**j * gammainc(2 * j + 2, x) / x ** (2 * j + 2) for j in range(3)))
-    series.append(np.exp(-x) * (cosine - x * sine))
-    exact = (move.real, give.real, brake.real)
-    return tuple(np.where(close, a, b) for a, b in zip(series, exact, strict=True))
+    return (of_late - of_fast) / (2 * apart), give, (fast * of_fast - late * of_late) / (2 * apart)
+
+
+def _respond_closely(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, ...]:
+    """Return A, C and b of modes whose two rates of decay are nearly one."""
+    x, apart = sigma * h, (sigma - omega) * (sigma + omega) * h * h
+    sine, cosine, decay = 1 + apart / 6 * (1 + apart / 20), 1 + apart / 2 * (1 + apart / 12), exp(-x)
+    give = h * h * sum(whole_power(apart, j) * _incomplete_gamma(2 * j + 2, x) for j in range(3))
+    return h * decay * sine, give, decay * (cosine - x * sine)
+
+
+def _incomplete_gamma(a: int, x: np.ndarray) -> np.ndarray:
+    """Return P(a, x)/x^a = e^(-x)/Γ(a)·Σ xᵏ/(a·(a + 1)…(a + k)), the regularised incomplete gamma function (DLMF
+    8.7.1)."""
+    term = np.full(x.size, 1.0 / math.factorial(a))
+    total = term.copy()
+    for k in range(1, GAMMA_TERMS):
+        term = term * x / (a + k)
+        total += term
+    return np.asarray(exp(-x) * total)
 
 
 def _mean_decay(rate: np.ndarray, h: float) -> np.ndarray:
     """Return ∫₀ʰ e^(-rate·s) ds."""
     still = rate == 0.0
-    return np.where(still, h, -np.expm1(-rate * h) / np.where(still, 1.0, rate))
+    return np.where(still, h, -expm1(-rate * h) / np.where(still, 1.0, rate))
 
 
 def loses_in_drift(omega: np.ndarray, sigma: np.ndarray, h: float, accuracy: Accuracy) -> np.ndarray:
@@ -185,7 +228,7 @@ def add_loss(
     kick, drift: without loss in the drift [modes], s; those of damped modes are overwritten
     damped:      True for modes that also lose in the drift [modes]
     """
-    decay = np.exp(-modes.sigma * length * h)
+    decay = exp(-modes.sigma * length * h)
     if not damped.any():
         return ModeCoefficients(kick, drift, end_loss(decay), None)
     drag, dragged = np.ones(decay.size), np.zeros(decay.size)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.arithmetic.elementary import cos, sin
 from engine.assembly.connection_coordinates import end_force_parts, end_pull_parts
 from engine.assembly.contact_points import NOWHERE, BodyPoint
 from engine.assembly.islands import Islands
@@ -57,7 +58,7 @@ def heard_points(system: ModalSystem, islands: Islands, modes: Modes) -> list[He
     pickups += [DrivePickup(drive.string, drive.end, drive.share, drive.point) for drive in find_drives(system.scene)]
     pickups.sort(key=lambda pickup: islands.of_body[system.body_index[pickup.body]])
     return [
-        HeardPoint(pickup, row, quantity, channel, gain, pull)
+        HeardPoint(pickup, row, quantity, channel, gain * system.scene.output_gain(channel), pull)
         for pickup in pickups
         for row, quantity, pull in _terms(system, modes, pickup)
         for channel, gain in channel_gains(pickup)
@@ -83,7 +84,7 @@ def channel_gains(pickup: Pickup | DrivePickup) -> list[tuple[int, float]]:
     if pickup.pan is None:
         return [(channel - 1, pickup.gain) for channel in pickup.channels]
     angle = (pickup.pan + 1) * math.pi / 4
-    return [(0, pickup.gain * math.cos(angle)), (1, pickup.gain * math.sin(angle))]
+    return [(0, pickup.gain * cos(angle)), (1, pickup.gain * sin(angle))]
 
 
 def _points(system: ModalSystem, pickup: Pickup | DrivePickup) -> list[BodyPoint]:

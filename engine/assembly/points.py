@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.arithmetic.elementary import square
+from engine.arithmetic.products import product
 from engine.assembly.contact_points import (
     FEW_LINEAR_CONTACTS,
     KEPT_SINGULAR_VALUE,
@@ -109,10 +111,10 @@ def _may_have_basis(sides: list[tuple[BodyPoint, BodyPoint]], rows: list[tuple[S
     """Return False if it is seen without a decomposition that the rank of the contacts is too large for a basis: a
     contact alone on a body moves as no others do."""
     touching = Counter(point.body for points in sides for point in points)
-    squares = [[float(row.phi @ row.phi) for row in of_contact] for of_contact in rows]
-    least = KEPT_SINGULAR_VALUE**2 * sum(map(sum, squares))  # at least that share of the largest singular value
+    squares = [[float(product(row.phi, row.phi)) for row in of_contact] for of_contact in rows]
+    least = square(KEPT_SINGULAR_VALUE) * sum(map(sum, squares))  # at least that share of the largest singular value
     is_apart = [
-        any(touching[point.body] == 1 and square > least for point, square in zip(points, of_contact, strict=True))
+        any(touching[point.body] == 1 and size > least for point, size in zip(points, of_contact, strict=True))
         for points, of_contact in zip(sides, squares, strict=True)
     ]
     return sum(is_apart) <= MAX_RANK + 1

@@ -1,8 +1,13 @@
 """Coefficients of the stages of a refined sample (engine.kernel.run.refinement)."""
 
+import math
+
 import numpy as np
 
+from engine.arithmetic.elementary import square
+from engine.assembly.force_shapes import force_shapes
 from engine.assembly.layout import Layout
+from engine.assembly.one_way_drive import DriveForce
 from engine.assembly.stage_coefficients import stage_coefficients
 from engine.assembly.step_coefficients import stack, step_coefficients
 from engine.assembly.tension import stretching_bodies
@@ -15,14 +20,22 @@ MAX_LOSS_IN_STEP = 0.5  # μ·f·W·h/2, of contact loss between stages: beyond,
 
 
 def build_refinement(
-    layout: Layout, accuracy: Accuracy, samplerate: float, finest: Accuracy | None = None
+    layout: Layout,
+    accuracy: Accuracy,
+    samplerate: float,
+    has_events: bool,
+    finest: Accuracy | None = None,
+    seconds: float = math.inf,
 ) -> Refinement | None:
-    """Return the stages of a sample, even if there is only one; None without contacts, connections and bodies that
-    stretch.
+    """Return the stages of a sample, even if there is only one; None without anything that acts within a sample.
 
-    finest: the accuracy of the Refinement whose kernel this one is for, if that is another
+    has_events: True if a score may act, or events of live sound
+    finest:  the accuracy of the Refinement whose kernel this one is for, if that is another
+    seconds: of the sound
     """
-    if not (layout.points.contacts or layout.points.connection_parts or stretching_bodies(layout)):
+    acts = layout.points.contacts or layout.points.connection_parts or has_events
+    acts = acts or any(not isinstance(force, DriveForce) for force in layout.islands.forces)
+    if not (acts or stretching_bodies(layout)):
         return None
     omega, sigma, h = layout.modes.omega, layout.modes.sigma, 1.0 / samplerate
     is_high, has_high_kernel = accuracy.order > 2, (finest or accuracy).order > 2
@@ -47,6 +60,8 @@ def build_refinement(
         sequence_in_solve=np.array([kinds.index(kind) for kind in in_solve], np.int64),
         loss_before=h * loss_times(accuracy) if loses_between else None,
         loss_after=h * loss_times(accuracy)[::-1] if loses_between else None,
+        damper_share=damper_shares(accuracy),
+        force=force_shapes(layout.islands.forces, samplerate, seconds, accuracy),
         length=np.array([kind.length for kinds in kinds_of_levels for kind in kinds]),
         steps=accuracy.substeps,
         kinds=len(kinds),
@@ -54,9 +69,9 @@ def build_refinement(
         refine_free_flight=accuracy.scheme != "exact",
         # |f''|·h²/8 bounds how far f strays from its chord; f'' is that of damped vibration, or of a coasting mass
         chord_deviation=np.where(
-            omega > 0.0, np.minimum(omega * (omega + 2 * sigma) * h**2 / 8, 2.0), sigma * h**2 / 4
+            omega > 0.0, np.minimum(omega * (omega + 2 * sigma) * square(h) / 8, 2.0), sigma * square(h) / 4
         ),
-        gravity_deviation=np.abs(layout.modes.weight) * h**2 / 8 * (1 + 64 * h * sigma),
+        gravity_deviation=np.abs(layout.modes.weight) * square(h) / 8 * (1 + 64 * h * sigma),
     )
 
 
@@ -92,12 +107,20 @@ def loss_times(accuracy: Accuracy) -> np.ndarray:
     return times / accuracy.substeps
 
 
+def damper_shares(accuracy: Accuracy) -> np.ndarray:
+    """Return for which share of a sample dampers of events act at either end of a step, and after its first stage and
+    before its last; of a step as it is where steps have been doubled as often as they may."""
+    within = float(loss_times(accuracy)[-1]) if accuracy.order > 2 else 0.0
+    doublings: int = 1 << accuracy.levels
+    return np.array([0.5 / accuracy.substeps - within, within]) / doublings
+
+
 def _contact_loss(layout: Layout, step: float, acts: bool) -> ContactLoss | None:
     """Return the contact loss between stages, which is 0 if `acts` is False; None if no contact has loss. step: length
     of a substep, s"""
     loss = np.array([layout.touching[k].loss for k, _ in layout.islands.contact_points])
     if not loss.any():
         return None
-    mobility = np.concatenate([np.sum(shapes.phi**2, axis=1) for shapes in layout.points.contact_shapes])
+    mobility = np.concatenate([np.sum(square(shapes.phi), axis=1) for shapes in layout.points.contact_shapes])
     loss[(mobility == 0.0) | (not acts)] = 0.0
     return ContactLoss(loss, mobility, loss * mobility * step / (2 * MAX_LOSS_IN_STEP))

@@ -13,6 +13,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from engine.arithmetic import plain_numbers
+from engine.arithmetic.elementary import exp, sin, sin_and_cos, square, tan
 from engine.assembly.mode_coefficients import ModeCoefficients, add_loss, end_loss, exact_motion
 from engine.assembly.modes import Modes
 from engine.kernel.data.model import ModalLoss
@@ -39,15 +41,15 @@ def stage_coefficients(
         kick = np.full(omega.size, kind.length * h / 2)
         if is_exact:
             kick = scale * kick
-            kick[omega > 0.0] = np.tan(omega * kick)[omega > 0.0] / omega[omega > 0.0]
-        drift = 2 * kick / (1 + (omega * kick) ** 2)
+            kick[omega > 0.0] = tan(omega * kick)[omega > 0.0] / omega[omega > 0.0]
+        drift = 2 * kick / (1 + square(omega * kick))
         if not sigma.any():
             coefficients.append(ModeCoefficients(kick, drift, None, None))
         elif kind.loss is StageLoss.ALL:
             coefficients.append(add_loss(kick, drift, modes, damped, h, kind.length))
         else:
             drag = ModalLoss(np.ones(omega.size), np.zeros(omega.size)) if damped.any() else None
-            loss = end_loss(np.exp(-sigma * step * loss_share(kind.loss, stages, share)))
+            loss = end_loss(exp(-sigma * step * loss_share(kind.loss, stages, share)))
             coefficients.append(ModeCoefficients(kick, drift, loss, drag))
     return coefficients
 
@@ -73,12 +75,13 @@ def solve_stages(
     """
     turn, lost = np.where(omega > 0.0, omega * step, ANGLE_OF_FREE_MASS), sigma * step
     change, share = sum_of_nodes(turn, stages)
-    scale, sensitivity = np.ones(turn.size), 2 * lost * np.exp(-lost) * change
+    scale, sensitivity = np.ones(turn.size), 2 * lost * exp(-lost) * change
+    (sine, cosine), gain = sin_and_cos(turn), exp(lost)
     stay, move, brake = exact_motion(turn, lost, 1.0)
     ratio = max(LEAST_LOSS, float(lost.max(initial=0.0)))  # of the errors of two iterations
-    for _ in range(2 + math.ceil(math.log(np.finfo(float).eps) / math.log(ratio))):
+    for _ in range(2 + math.ceil(plain_numbers.log(np.finfo(float).eps) / plain_numbers.log(ratio))):
         a, b, d = motion_of_stages(turn, lost, stages, scale, share)
-        angle = ((b - turn * move) * np.cos(turn) - 0.5 * (a + d - stay - brake) * np.sin(turn)) * np.exp(lost)
+        angle = ((b - turn * move) * cosine - 0.5 * (a + d - stay - brake) * sine) * gain
         uneven = (a - d) - (stay - brake)
         scale -= angle / turn
         share += np.where(sensitivity > LEAST_SENSITIVITY, uneven / np.maximum(sensitivity, LEAST_SENSITIVITY), 0.0)
@@ -99,8 +102,8 @@ def motion_of_stages(
     q_of_q, q_of_p = np.ones(turn.size), np.zeros(turn.size)
     p_of_q, p_of_p = np.zeros(turn.size), np.ones(turn.size)
     for stage in stages:
-        keep = np.exp(-lost * loss_share(stage.loss, stages, share))
-        cosine, sine = np.cos(scale * turn * stage.length), np.sin(scale * turn * stage.length)
+        keep = exp(-lost * loss_share(stage.loss, stages, share))
+        sine, cosine = sin_and_cos(scale * turn * stage.length)
         half_q, half_p = keep * p_of_q, keep * p_of_p
         p_of_q, p_of_p = keep * (cosine * half_q - sine * q_of_q), keep * (cosine * half_p - sine * q_of_p)
         q_of_q, q_of_p = cosine * q_of_q + sine * half_q, cosine * q_of_p + sine * half_p
@@ -116,10 +119,10 @@ def sum_of_nodes(turn: np.ndarray, stages: Sequence[Stage]) -> tuple[np.ndarray,
     def missing(kind: StageLoss) -> np.ndarray:
         """1 less the mean at stages of a kind."""
         times = [time for i, stage in enumerate(stages) if stage.loss is kind for time in ends[i : i + 2]]
-        return np.asarray(np.mean([2 * np.sin((time - 0.5) * turn) ** 2 for time in times], axis=0))
+        return np.asarray(np.mean([2 * square(sin((time - 0.5) * turn)) for time in times], axis=0))
 
     first, second = missing(StageLoss.FIRST), missing(StageLoss.SECOND)
-    square = turn * turn
-    series = square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72)))
-    of_step = np.where(turn < 0.3, series, 1 - np.sin(turn) / turn)
+    x = turn * turn
+    series = x / 6 * (1 - x / 20 * (1 - x / 42 * (1 - x / 72)))
+    of_step = np.where(turn < 0.3, series, 1 - sin(turn) / turn)
     return first - second, (of_step - second) / (first - second)

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from engine.arithmetic.double_double import two_product
+from engine.arithmetic.elementary import square
 from engine.assembly.connections import ContactMotion, all_factors, connection_coefficients, contact_motions
 from engine.assembly.contact_points import BasisOfIsland, BasisUse, entries_by_row, find_basis, products_by_contact
 from engine.assembly.coordinates import IslandFactors
-from engine.assembly.double_double import two_product
 from engine.assembly.layout import Layout
 from engine.assembly.mode_coefficients import ModeCoefficients
 from engine.assembly.mode_shape_rows import ShapeRow, row_coefficients
@@ -68,7 +69,7 @@ def step_coefficients(
     return StepCoefficients(
         kick=modes.kick,
         drift=modes.drift,
-        spring_kick=modes.kick * omega**2 if omega.any() else None,
+        spring_kick=modes.kick * square(omega) if omega.any() else None,
         weight_kick=modes.kick * weight if weight.any() else None,
         loss=modes.loss,
         drag=modes.drag,

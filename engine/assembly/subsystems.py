@@ -5,6 +5,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from engine.arithmetic.elementary import square
+
 MAX_PARTITIONS = 8  # the largest number of cores that can share the work
 MIN_COST_FOR_THREADS = 200.0  # ns a sample: below, waking a thread costs more than it saves
 COST_PER_ISLAND = 15.0  # ns a sample, besides its modes and contacts
@@ -29,7 +31,7 @@ def connected_components(count: int, pairs: Iterable[tuple[int, int]]) -> list[i
 
 def estimate_cost(modes: np.ndarray, contacts: np.ndarray) -> np.ndarray:
     """Estimate the cost of islands in contact from their numbers of modes and contacts, ns a sample [islands]."""
-    return np.asarray(COST_PER_ISLAND + modes * (1 + contacts / 4) + contacts**2)
+    return np.asarray(COST_PER_ISLAND + modes * (1 + contacts / 4) + square(contacts))
 
 
 def partition_islands(cost: np.ndarray) -> np.ndarray:

@@ -1,22 +1,29 @@
 """Overwrite the tables of a Model so that it becomes the Model of a scene with another value.
 
-The two have the same arrays (`like` of engine.assembly.build.build). Where their numbers differ, those of the new Model
-are copied over the old ones, between two steps. Motion stays as it is. The change of energy is counted as supplied, so
-that it cannot make the sound unstable.
+The two have the same arrays (`like` of engine.assembly.build.build). Where their numbers differ, and nowhere else,
+those of the new Model are copied over the old ones, between two steps: so changes of islands leave each other alone.
+Motion stays as it is. The change of energy is counted as supplied, so that it cannot make the sound unstable.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.kernel.data.model import Model, StepCoefficients
+from engine.kernel.data.axes import Axis
+from engine.kernel.data.model import Islands, Model, StepCoefficients
 from engine.kernel.data.state import State
 
 WORD_BYTES = 8
-MADE_FOR_CONNECTIONS = ("force_per_extension", "force_per_move", "made_for_stiffness", "made_for_damping")
-REDUCED_BY_CONNECTIONS = ("compliance", "compliance_low", "coupling")
-KEPT = ("events", "start", "scale")  # fields of a Model, and of its forces, that live sound writes to
+# what follows from the stiffness and damping of connections, and how its numbers lie by island
+MADE_FOR_CONNECTIONS = {
+    "force_per_extension": Axis.CONNECTION_PAIR,
+    "force_per_move": Axis.CONNECTION_PAIR,
+    "made_for_stiffness": Axis.CONNECTION,
+    "made_for_damping": Axis.CONNECTION,
+}
+REDUCED_BY_CONNECTIONS = {"compliance": Axis.CONTACT, "compliance_low": Axis.CONTACT, "coupling": Axis.COMPLIANCE}
+KEPT = ("events", "start")  # fields of a Model, and of its forces, that live sound writes to
 
 
 class CannotExchange(ValueError):
@@ -30,38 +37,59 @@ class Copies(NamedTuple):
     values: np.ndarray  # numbers to read, one after the other
 
 
-def make_copies(target: Sequence[Model], state: State, before: Sequence[Model], after: Sequence[Model]) -> Copies:
-    """Return the copies that turn Models with the numbers of `before` into those of `after`.
+class Part(NamedTuple):
+    """A part of an array, in which variants of Models differ."""
 
-    target: the Models in use, with their coarser ones; state: their State
+    ours: np.ndarray  # of the Model in use
+    variants: list[np.ndarray]  # of each variant
+
+
+Span = tuple[int, int]  # the first island whose tables change, and how many do
+
+
+def find_varying_parts(target: Sequence[Model], variants: Sequence[Sequence[Model]]) -> list[Part]:
+    """Return the parts of arrays in which variants of Models differ.
+
+    target: the Models in use, with their coarser ones
     Raises CannotExchange if the arrays are not alike.
     """
-    varying = _varying_parts(target, [before, after])
-    return _copies_of(target, state, after, [(ours, variants[-1]) for ours, variants in varying])
+    if target[0].step.kick.dtype != np.float64:
+        raise CannotExchange('single precision has no tables to exchange; precision = "float64"')
+    parts = list[Part]()
+    for ours, *models in zip(target, *variants, strict=True):
+        parts += _varying(ours, models, "")
+    return parts
 
 
-def make_alternatives(target: Sequence[Model], state: State, variants: Sequence[Sequence[Model]]) -> list[Copies]:
-    """Return for each of some variants of Models the copies that turn Models with the numbers of any of them into it.
+def copy_parts(target: Sequence[Model], state: State, after: Sequence[Model], parts: list[Part], span: Span) -> Copies:
+    """Return the copies that give parts of arrays the numbers of their last variants, with the numbers that follow from
+    them.
 
-    target, state: as of make_copies
-    Raises CannotExchange if the arrays are not alike.
+    target, after: the Models in use, and those with the numbers of the last variants; state: that in use
+    span:          the islands whose tables change
     """
-    varying = _varying_parts(target, variants)
-    return [
-        _copies_of(target, state, models, [(ours, parts[n]) for ours, parts in varying])
-        for n, models in enumerate(variants)
-    ]
-
-
-def _copies_of(
-    target: Sequence[Model], state: State, after: Sequence[Model], pairs: list[tuple[np.ndarray, np.ndarray]]
-) -> Copies:
-    """Return the copies for the parts that differ, with those of numbers that follow from them."""
+    pairs = [(part.ours, part.variants[-1]) for part in parts]
     if pairs:
-        pairs += [pair for ours, new in zip(target, after, strict=True) for pair in _factors(ours, new)]
+        for ours, new in zip(target, after, strict=True):
+            pairs += _factors(ours, new, ours.islands, span)
         if state.refinement is not None:
             pairs.append((state.refinement.margin_valid, np.zeros_like(state.refinement.margin_valid)))
     return collect_copies(pairs)
+
+
+def make_alternatives(
+    target: Sequence[Model], state: State, variants: Sequence[Sequence[Model]], span: Span
+) -> list[Copies]:
+    """Return for each of some variants of Models the copies that turn Models with the numbers of any of them into it.
+
+    target, state, span: as of copy_parts
+    Raises CannotExchange if the arrays are not alike.
+    """
+    parts = find_varying_parts(target, variants)
+    return [
+        copy_parts(target, state, models, [Part(part.ours, part.variants[n : n + 1]) for part in parts], span)
+        for n, models in enumerate(variants)
+    ]
 
 
 def collect_copies(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> Copies:
@@ -75,20 +103,8 @@ def collect_copies(pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> Copies:
     return Copies(np.array(rows, np.int64).reshape(-1, 3), values)
 
 
-def _varying_parts(
-    target: Sequence[Model], variants: Sequence[Sequence[Model]]
-) -> list[tuple[np.ndarray, list[np.ndarray]]]:
-    """Return the parts of arrays in which variants of Models differ: to write to, and to read from, of each variant."""
-    if target[0].step.kick.dtype != np.float64:
-        raise CannotExchange('single precision has no tables to exchange; precision = "float64"')
-    parts: list[tuple[np.ndarray, list[np.ndarray]]] = []
-    for ours, *models in zip(target, *variants, strict=True):
-        parts += _varying(ours, models, "")
-    return parts
-
-
-def _varying(ours: Any, variants: Sequence[Any], name: str) -> Iterator[tuple[np.ndarray, list[np.ndarray]]]:
-    """Yield the parts of arrays in which variants of a value differ: to write to, and to read from, of each variant."""
+def _varying(ours: Any, variants: Sequence[Any], name: str) -> Iterator[Part]:
+    """Yield the parts of arrays in which variants of a value differ."""
     first, *others = variants
     is_array = isinstance(first, np.ndarray)
     if any(type(one) is not type(first) or (is_array and one.shape != first.shape) for one in others):
@@ -104,25 +120,39 @@ def _varying(ours: Any, variants: Sequence[Any], name: str) -> Iterator[tuple[np
             return
         different = np.flatnonzero(np.any([first != one for one in others], axis=0))
         if different.size:
-            part = slice(int(different[0]), int(different[-1]) + 1)
-            yield ours.reshape(-1)[part], [np.ascontiguousarray(one).reshape(-1)[part] for one in variants]
+            flat = [np.ascontiguousarray(one).reshape(-1) for one in variants]
+            for run in np.split(different, np.flatnonzero(np.diff(different) > 1) + 1):
+                part = slice(int(run[0]), int(run[-1]) + 1)
+                yield Part(ours.reshape(-1)[part], [one[part] for one in flat])
     elif hasattr(first, "_fields"):
         for field, mine, *values in zip(first._fields, ours, *variants, strict=True):
             if field not in KEPT:
                 yield from _varying(mine, values, field)
 
 
-def _factors(ours: Any, new: Any) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yield all numbers that the audio thread computes again where a connection's stiffness or damping changes, in
-    pairs: to write to, and to read from. Those of `new` are for what the patch says; where the State has other values,
-    the next step computes them again."""
+def _factors(ours: Any, new: Any, islands: Islands, span: Span) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the numbers of some islands that the audio thread computes again where a connection's stiffness or damping
+    changes, in pairs: to write to, and to read from. Those of `new` are for what the patch says; where the State has
+    other values, the next step computes them again."""
     if isinstance(ours, StepCoefficients):
-        for record, names in ((ours.connection, MADE_FOR_CONNECTIONS), (ours.contact, REDUCED_BY_CONNECTIONS)):
-            target = new.connection if record is ours.connection else new.contact
-            for name in names if record is not None and ours.connection is not None else ():
-                mine, now = getattr(record, name), getattr(target, name)
-                if mine is not None:
-                    yield mine.reshape(-1), np.ascontiguousarray(now).reshape(-1)
+        if ours.connection is not None:
+            yield from _segments(ours.connection, new.connection, MADE_FOR_CONNECTIONS, islands, span)
+            if ours.contact is not None:
+                yield from _segments(ours.contact, new.contact, REDUCED_BY_CONNECTIONS, islands, span)
     elif hasattr(ours, "_fields"):
         for mine, now in zip(ours, new, strict=True):
-            yield from _factors(mine, now)
+            yield from _factors(mine, now, islands, span)
+
+
+def _segments(
+    ours: Any, new: Any, axes: Mapping[str, Axis], islands: Islands, span: Span
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield the numbers of some islands in arrays of a record, in pairs: to write to, and to read from."""
+    for name, axis in axes.items():
+        mine, now = getattr(ours, name), getattr(new, name)
+        if mine is not None and mine.size:
+            begins = getattr(islands, axis)
+            part = slice(int(begins[span[0]]), int(begins[sum(span)]))
+            size = mine.shape[-1]
+            for row, other in zip(mine.reshape(-1, size), now.reshape(-1, size), strict=True):
+                yield row[part], np.ascontiguousarray(other[part])

@@ -1,10 +1,11 @@
 """Arrays of bodies whose tension rises as they stretch (engine.kernel.interactions.tension)."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
+from engine.arithmetic.elementary import square
+from engine.arithmetic.products import product
 from engine.assembly.array_memory import allocate
 from engine.assembly.connection_coordinates import find_stretching, stretch_of_ends
 from engine.assembly.layout import Layout
@@ -18,7 +19,7 @@ from engine.kernel.data.state import SoftenedConnections, TensionState
 from engine.patch.tables import EndConnection
 
 HEARD_DETUNING = 1e-6  # of the detuning that may be left out, of a body whose tension is heard: it ends without a click
-CENTS_PER_ENERGY = 1200 / math.log(2)  # 1731·K·E/c⁴: by so many cents at most partials rise
+CENTS_PER_ENERGY = 1200 / 0.6931471805599453  # 1731·K·E/c⁴: by so many cents at most partials rise
 
 
 def stretching_bodies(layout: Layout) -> dict[int, Stretching]:
@@ -50,10 +51,10 @@ def tension(layout: Layout, least_detuning: float) -> Tension | None:
             least = least_detuning * (HEARD_DETUNING if b in heard else 1.0)
             kappa, inside, ends = stretching[b].kappa, modes.of_body[b], _moving_ends(layout, b)
             all_kappa[inside] = kappa
-            softest = float(np.max(kappa / modes.omega[inside] ** 2))
+            softest = float(np.max(kappa / square(modes.omega[inside])))
             begin[n], end[n] = modes.in_island[b].start, modes.in_island[b].stop
             places[n] = ends.coordinates
-            factor[n] = stretching[b].stiffness, softest, least / CENTS_PER_ENERGY / softest**2, *ends.factors
+            factor[n] = stretching[b].stiffness, softest, least / CENTS_PER_ENERGY / square(softest), *ends.factors
             can_stretch[islands.of_body[b]] = 1
     heard_bodies = np.array(_heard_bodies(layout), np.int64)
     share = np.array([float(point.pull is None) for point in pickups])
@@ -99,7 +100,7 @@ def initial_tension(layout: Layout, model: Tension, counts: dict[Axis, int]) -> 
     stretching, body = stretching_bodies(layout), np.zeros((counts[Axis.BODY], len(Stretch)))
     for n, b in enumerate(layout.islands.body_order):
         if b in stretching:
-            stretch = stretching[b].kappa @ layout.modes.q[layout.modes.of_body[b]] ** 2
+            stretch = product(stretching[b].kappa, square(layout.modes.q[layout.modes.of_body[b]]))
             body[n, Stretch.STRETCHES] = 1.0
             body[n, [Stretch.LAST, Stretch.SECOND_LAST, Stretch.THIRD_LAST]] = stretching[b].stiffness * stretch
     state: TensionState = allocate(

@@ -7,6 +7,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field
 
+from engine.arithmetic.elementary import cos, sin, square
 from engine.bodies.body import MAX_MODES, ModalBody, UnfitBody
 from engine.bodies.distributed import DistributedBody, ModeSet, mode_numbers
 from engine.bodies.initial_shape import Profile, Quadrature, line_quadrature, peak_of_line
@@ -14,7 +15,7 @@ from engine.bodies.table import Positive, Table, is_given
 
 AIR_DENSITY = 1.204  # ρ at 20 °C, kg/m³
 SPEED_OF_SOUND = 343.2  # c at 20 °C, m/s
-BULK_MODULUS = AIR_DENSITY * SPEED_OF_SOUND**2  # ρc², Pa
+BULK_MODULUS = AIR_DENSITY * square(SPEED_OF_SOUND)  # ρc², Pa
 FLANGED_END, FREE_END = 0.85, 0.61  # end corrections, of the radius (Fletcher & Rossing, sec. 8.3)
 WALL_LOSS = 3e-5  # √s: what walls take of a wave per length, times radius over √frequency (the same, eq. 8.15)
 
@@ -60,7 +61,7 @@ def wall_decay(omega: np.ndarray | float, radius: float) -> np.ndarray:
 def radiated_share(omega: np.ndarray | float, radius: float) -> np.ndarray:
     """The resistance of an opening that radiates all around, share of ρcS: (k·radius)²/4, at most 1/4 (Fletcher &
     Rossing, sec. 8.3)."""
-    return np.asarray(np.minimum(np.asarray(omega) / SPEED_OF_SOUND * radius, 1.0) ** 2 / 4)
+    return np.asarray(square(np.minimum(np.asarray(omega) / SPEED_OF_SOUND * radius, 1.0)) / 4)
 
 
 class Hole(Table):
@@ -71,7 +72,7 @@ class Hole(Table):
 
     def area(self) -> float:
         """Area, m²."""
-        return math.pi * self.radius**2
+        return math.pi * square(self.radius)
 
     def mass(self) -> float:
         """Mass that moves in it, kg: ρ·S·(thickness + 2·0.85·radius) (Fletcher & Rossing, sec. 8.3 and 10.3)."""
@@ -111,13 +112,13 @@ class AirBox(AirBody):
                 if i or j or k
             ]
         )
-        order = np.argsort(np.sum((numbers / np.array(self.size)) ** 2, axis=1), kind="stable")
+        order = np.argsort(np.sum(square(numbers / np.array(self.size)), axis=1), kind="stable")
         return np.asarray(numbers[order][:count])
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """The plug in the hole, ω² = ρc²·S²/(V·m), and standing waves, ω = πc·√((l/a)² + (m/b)² + (n/c)²) (Fletcher &
         Rossing, sec. 6.6 and 10.3). The place is "hole"."""
-        k = math.pi * np.sqrt(np.sum((self.standing_waves() / np.array(self.size)) ** 2, axis=1))
+        k = math.pi * np.sqrt(np.sum(square(self.standing_waves() / np.array(self.size)), axis=1))
         if self.hole is not None:
             helmholtz = math.sqrt(BULK_MODULUS / self.volume() / self.hole.mass()) * self.hole.area() / SPEED_OF_SOUND
             if helmholtz * SPEED_OF_SOUND >= max_omega:
@@ -147,7 +148,7 @@ class AirBox(AirBody):
         waves = self.standing_waves()[: modes - (self.hole is not None)]
         numbers = np.concatenate([np.zeros((1, 3)), waves])
         places = np.column_stack([positions, np.full(len(positions), height)])
-        shape = np.prod(np.cos(math.pi * numbers * places[:, None, :]), axis=2)
+        shape = np.prod(cos(math.pi * numbers * places[:, None, :]), axis=2)
         share = np.prod(np.where(numbers > 0, 0.5, 1.0), axis=1)
         return np.asarray(shape * np.sqrt(BULK_MODULUS / (self.volume() * share)))
 
@@ -190,7 +191,7 @@ class Tube(AirBody):
         phase = (number - shift) * math.pi
         k = phase / effective
         scale = math.sqrt(2 / (AIR_DENSITY * self.opening() * self.length))
-        wave = np.sin if self.ends == "closed" else np.cos
+        wave = sin if self.ends == "closed" else cos
         omega = k * SPEED_OF_SOUND
         sigma = self.decay_rates(omega, k) if self.has_loss() else self.natural_decay(omega)
         return ModeSet(omega, sigma, lambda x: scale * wave(phase * np.asarray(x)[..., None]))
@@ -208,7 +209,7 @@ class Tube(AirBody):
         return np.asarray(wall_decay(omega, self.radius) + radiated)
 
     def opening(self) -> float:
-        return math.pi * self.radius**2
+        return math.pi * square(self.radius)
 
     def total_mass(self) -> float:
         return AIR_DENSITY * self.opening() * self.length

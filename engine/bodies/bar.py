@@ -2,17 +2,21 @@
 
 import math
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
+from engine.arithmetic.elementary import cosh, exp, sin_and_cos, square, tanh
 from engine.bodies.body import TO_60_DB
-from engine.bodies.distributed import LineBody, ModeSet, StaticModes, above, mode_numbers, rise_from_one
+from engine.bodies.distributed import LineBody, ModeSet, mode_numbers, rise_from_one
 from engine.bodies.table import KeyPath, Positive, Table, are_positive, is_given, make_fault
+from engine.bodies.tips import Compliance
 
 MODES_OF_STATICS = 2_000  # whose compliances fall off with the fourth power of their number
+SETS_OF_ROOTS = 64  # that are kept: bars of an instrument mostly share theirs
 NODE = 0.2241575  # of the first partial of a free bar, fraction of its length
 
 
@@ -60,18 +64,18 @@ class Bar(LineBody):
         table 8-1)."""
         density, length = self.mass_per_length(), self.length
         first = float(bar_roots(self.ends, np.array([1.0]))[0])
-        speed = 2 * math.pi * (self.frequency or 0.0) * (length / first) ** 2
+        speed = 2 * math.pi * (self.frequency or 0.0) * square(length / first)
         if self.bending_stiffness:
             speed = math.sqrt(self.bending_stiffness / density)
         if self.ratios is not None:
             root = bar_roots(self.ends, np.arange(1.0, len(self.ratios) + 1))
-            omega = speed * (first / length) ** 2 * np.array(self.ratios)
+            omega = speed * square(first / length) * np.array(self.ratios)
             chosen = omega < max_omega
             omega, root = omega[chosen][: self.modes], root[chosen][: self.modes]
         else:
-            number = mode_numbers(lambda n: speed * (bar_roots(self.ends, n) / length) ** 2, self.modes, max_omega)
+            number = mode_numbers(lambda n: speed * square(bar_roots(self.ends, n) / length), self.modes, max_omega)
             root = bar_roots(self.ends, number)
-            omega = speed * (root / length) ** 2
+            omega = speed * square(root / length)
         scale = 1 / math.sqrt(density * length)
         sigma = self.decay_rates(omega, root / length)
         if self.ends != "free" or omega.size == 0:
@@ -85,10 +89,10 @@ class Bar(LineBody):
 
         return ModeSet(np.concatenate([omega, rigid_omega]), np.concatenate([sigma, rigid_sigma]), shape)
 
-    def modes_beyond(self, omega: float) -> StaticModes | None:
+    def compliance_beyond(self, omega: float, highest: float = math.inf) -> Compliance | None:
         if self.ratios is not None:
             return None
-        return above(self.model_copy(update={"modes": MODES_OF_STATICS}).free_modes(math.inf), omega)
+        return self.sum_beyond(self.model_copy(update={"modes": MODES_OF_STATICS}).free_modes(math.inf), omega, highest)
 
     def rigid_modes(self) -> tuple[np.ndarray, np.ndarray]:
         """ω (rad/s) and σ (1/s) of a free bar that moves and turns as a whole: on cords of stiffness k at its nodes,
@@ -112,27 +116,39 @@ class Bar(LineBody):
 
 def bar_roots(ends: str, number: np.ndarray) -> np.ndarray:
     """βL of modes 1, 2, …, by Newton's method from its asymptote."""
+    return _bar_roots(ends, np.asarray(number, float).tobytes())
+
+
+@lru_cache(SETS_OF_ROOTS)
+def _bar_roots(ends: str, number: bytes) -> np.ndarray:
     sign = -1.0 if ends == "cantilever" else 1.0
-    root = (number + 0.5 * sign) * math.pi
+    root = (np.frombuffer(number) + 0.5 * sign) * math.pi
     for _ in range(6):  # cos x = sign/cosh x; the right side is a small correction
-        small = sign / np.cosh(np.minimum(root, 700.0))
-        root = root - (np.cos(root) - small) / (-np.sin(root) + small * np.tanh(root))
-    return np.asarray(root)
+        small = sign / cosh(np.minimum(root, 700.0))
+        sine, cosine = sin_and_cos(root)
+        root = root - (cosine - small) / (-sine + small * tanh(root))
+    root.flags.writeable = False
+    return root
+
+
+@lru_cache(SETS_OF_ROOTS)
+def _shape_factors(ends: str, root: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Return s and the factor of the growing exponential, of modes with βL = root."""
+    betas = np.frombuffer(root)
+    down, (sine, cosine) = exp(-betas), sin_and_cos(betas)
+    if ends == "cantilever":
+        bottom = 1 + square(down) + 2 * down * cosine
+        return (1 - square(down) - 2 * down * sine) / bottom, (down + cosine + sine) / bottom
+    bottom = 1 - square(down) - 2 * down * sine
+    return (1 + square(down) - 2 * down * cosine) / bottom, (cosine - sine - down) / bottom
 
 
 def bar_shape(ends: str, root: np.ndarray, x: Any) -> np.ndarray:
     """Shape of the modes with βL = root at fractions x, of mean square 1 [..., modes]: with z = βL·x
     cosh z - s·sinh z ± (cos z - s·sin z), written with falling exponentials only, or the high ones would cancel."""
     z = root * np.asarray(x)[..., None]
-    down = np.exp(-root)
-    if ends == "cantilever":
-        bottom = 1 + down**2 + 2 * down * np.cos(root)
-        s = (1 - down**2 - 2 * down * np.sin(root)) / bottom
-        rest = (down + np.cos(root) + np.sin(root)) / bottom
-    else:
-        bottom = 1 - down**2 - 2 * down * np.sin(root)
-        s = (1 + down**2 - 2 * down * np.cos(root)) / bottom
-        rest = (np.cos(root) - np.sin(root) - down) / bottom
-    growing = np.exp(z - root) * rest + 0.5 * (1 + s) * np.exp(-z)
-    wave = np.cos(z) - s * np.sin(z)
+    s, rest = _shape_factors(ends, root.tobytes())
+    growing = exp(z - root) * rest + 0.5 * (1 + s) * exp(-z)
+    sine, cosine = sin_and_cos(z)
+    wave = cosine - s * sine
     return np.asarray(growing + wave if ends == "free" else growing - wave)

@@ -9,11 +9,12 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
+from engine.arithmetic.plain_numbers import log, power
 from engine.bodies.stretching import Stretching
 from engine.bodies.table import KeyPath, Name, Table, is_number
 
 MIN_OMEGA = 1e-150  # rad/s; below, the square underflows, and a body on a very weak spring would stand still
-TO_60_DB = 3 * math.log(10)  # σ·T60: e^(-σ·T60) = 10^-3
+TO_60_DB = 3 * log(10)  # σ·T60: e^(-σ·T60) = 10^-3
 MAX_MODES = 20_000  # of one body
 
 
@@ -68,6 +69,7 @@ class BodyTable(Table):
     HEARD: ClassVar[str] = "velocity"  # what a pickup hears of it that does not say
     HAS_AREA: ClassVar[bool] = False  # pushes air as a whole: `volume_row`
     STRETCHED_BY: ClassVar[tuple[str, ...]] = ()  # keys one of which lets its tension rise
+    CONTACT_RADIUS: ClassVar[float] = 0.0  # m, of what touches it, where a contact does not say
     PITCH_POWERS: ClassVar[dict[str, int]] = {}  # keys that make its pitch; each goes with this power of frequency
 
     @abstractmethod
@@ -89,12 +91,12 @@ class BodyTable(Table):
     def retuned(self, ratio: float) -> Self:
         """The body with all its frequencies multiplied by a ratio."""
         changed: dict[str, Any] = {}
-        for key, power in self.PITCH_POWERS.items():
+        for key, exponent in self.PITCH_POWERS.items():
             value = getattr(self, key)
             if isinstance(value, list):
-                changed[key] = [v * ratio**power for v in value]
+                changed[key] = [v * power(ratio, exponent) for v in value]
             elif value is not None:
-                changed[key] = value * ratio**power
+                changed[key] = value * power(ratio, exponent)
         return self.model_copy(update=changed)
 
     def find_stretching(self, omega: np.ndarray) -> Stretching | None:
@@ -104,6 +106,19 @@ class BodyTable(Table):
     def tension_at_rest(self) -> float | None:
         """Tension at rest, N of a string, N/m of a sheet; None of a body without one."""
         return None
+
+    def slope_squares(self, omega: np.ndarray) -> np.ndarray | None:
+        """Mean square of the slope of each mode over a string or a membrane [modes], 1/(kg·m²); None of other bodies.
+        omega: of its modes at rest, rad/s"""
+        return None
+
+    def bending_thickness(self) -> float | None:
+        """Thickness of a body that bends, m; None of one that does not, or whose thickness is not known."""
+        return None
+
+    def count_whole_modes(self) -> int:
+        """Count the last of its modes that move it as a whole, and do not bend it."""
+        return 0
 
     @classmethod
     def split_positions(cls, at: Any) -> list[Any]:

@@ -5,6 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from engine.arithmetic.bessel import bessel_j, bessel_j_pair, scaled_i, scaled_i_pair, zeros_of_j
+from engine.arithmetic.elementary import arctan2, cos, exp, hypot, power, square
 from engine.bodies.plate_modes import PlateModes
 from engine.bodies.side_functions import Edge
 
@@ -40,15 +42,15 @@ def circular_plate_modes(
     """
     if edge == "free" and tension:
         raise ValueError("a plate with a free edge cannot be under tension")
-    pull = tension * radius**2 / rigidity
-    scale = math.sqrt(rigidity / density) / radius**2
-    square = (max_omega / scale) ** 2  # β1⁴ + pull·β1²
-    highest = math.sqrt(2 * square / (pull + math.sqrt(pull**2 + 4 * square))) if square < math.inf else math.inf
+    pull = tension * square(radius) / rigidity
+    scale = math.sqrt(rigidity / density) / square(radius)
+    most = square(max_omega / scale)  # β1⁴ + pull·β1²
+    highest = math.sqrt(2 * most / (pull + math.sqrt(square(pull) + 4 * most))) if most < math.inf else math.inf
     # a clamped plate, which has the fewest modes, has about z²/4 - z with β1 < z
     order, beta = characteristic_roots(edge, poisson, pull, min(highest, 2 * math.sqrt(count) + 10))
     if edge == "free":
         order, beta = np.concatenate([[0.0, 1.0], order]), np.concatenate([[0.0, 0.0], beta])
-    omega = scale * beta * np.sqrt(beta**2 + pull)
+    omega = scale * beta * np.sqrt(square(beta) + pull)
     rising = np.argsort(omega, kind="stable")
     rising = rising[omega[rising] < max_omega]
     which = np.repeat(rising, np.where(order[rising] == 0, 1, 2))[:count]
@@ -60,17 +62,16 @@ def circular_plate_modes(
     rim = rim_values(order, np.where(is_rigid, 1.0, beta), pull)
     share = np.where(is_rigid, 0.0, share_of_i(edge, poisson, rim))
     radial = np.where(is_rigid, 1 / (2 * order + 2), radial_integral(rim, share))
-    mass = density * radius**2 * radial * np.where(order == 0, 2 * math.pi, math.pi)
+    mass = density * square(radius) * radial * np.where(order == 0, 2 * math.pi, math.pi)
+    of_rim = scaled_i(order, rim.beta2)
 
     def shape(position: Any) -> np.ndarray:
-        from scipy.special import ive, jv
-
         x, y = np.moveaxis(2 * np.asarray(position, float) - 1, -1, 0)[..., None]
-        r = np.hypot(x, y)
-        growing = ive(order, rim.beta2 * r) / ive(order, rim.beta2) * np.exp(rim.beta2 * (r - 1))
-        bending = jv(order, rim.beta1 * r) + share * growing
+        r = hypot(x, y)
+        growing = scaled_i(order, rim.beta2 * r) / of_rim * exp(rim.beta2 * (r - 1))
+        bending = bessel_j(order, rim.beta1 * r) + share * growing
         return np.asarray(
-            np.where(is_rigid, r**order, bending) * np.cos(order * np.arctan2(y, x) - turn) / np.sqrt(mass)
+            np.where(is_rigid, power(r, order), bending) * cos(order * arctan2(y, x) - turn) / np.sqrt(mass)
         )
 
     return PlateModes(omega, shape)
@@ -78,12 +79,9 @@ def circular_plate_modes(
 
 def rim_values(order: np.ndarray, beta: np.ndarray, pull: float) -> RimValues:
     """pull: T·R²/D"""
-    from scipy.special import ive, jv
-
-    beta2 = np.sqrt(beta**2 + pull)
-    j = jv(order, beta)
-    i_slope = order + beta2 * ive(order + 1, beta2) / ive(order, beta2)
-    return RimValues(order, beta, beta2, j, order * j - beta * jv(order + 1, beta), i_slope)
+    beta2 = np.sqrt(square(beta) + pull)
+    (j, j_above), (i, i_above) = bessel_j_pair(order, beta), scaled_i_pair(order, beta2)
+    return RimValues(order, beta, beta2, j, order * j - beta * j_above, order + beta2 * i_above / i)
 
 
 def free_conditions(poisson: float, rim: RimValues) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -91,11 +89,11 @@ def free_conditions(poisson: float, rim: RimValues) -> tuple[np.ndarray, np.ndar
 
     ∇²w - (1 - ν)(w_r + w_θθ) and ∂∇²w/∂r + (1 - ν)(w_rθθ - w_θθ), at r = 1.
     """
-    rest, square, m2 = 1 - poisson, rim.beta1**2, rim.order**2
-    moment_j = -square * rim.j - rest * (rim.j_slope - m2 * rim.j)
-    shear_j = -square * rim.j_slope - rest * m2 * (rim.j_slope - rim.j)
-    moment_i = square - rest * (rim.i_slope - m2)
-    shear_i = square * rim.i_slope - rest * m2 * (rim.i_slope - 1)
+    rest, beta2, m2 = 1 - poisson, square(rim.beta1), square(rim.order)
+    moment_j = -beta2 * rim.j - rest * (rim.j_slope - m2 * rim.j)
+    shear_j = -beta2 * rim.j_slope - rest * m2 * (rim.j_slope - rim.j)
+    moment_i = beta2 - rest * (rim.i_slope - m2)
+    shear_i = beta2 * rim.i_slope - rest * m2 * (rim.i_slope - 1)
     return moment_j, moment_i, shear_j, shear_i
 
 
@@ -104,7 +102,7 @@ def characteristic_function(edge: Edge, poisson: float, rim: RimValues) -> np.nd
     if edge == "clamped":
         return np.asarray(rim.i_slope * rim.j - rim.j_slope)
     if edge == "supported":
-        both = rim.beta1**2 + rim.beta2**2
+        both = square(rim.beta1) + square(rim.beta2)
         return np.asarray((1 - poisson) * (rim.i_slope * rim.j - rim.j_slope) - both * rim.j)
     moment_j, moment_i, shear_j, shear_i = free_conditions(poisson, rim)
     return np.asarray(moment_j * shear_i - moment_i * shear_j)
@@ -120,11 +118,11 @@ def share_of_i(edge: Edge, poisson: float, rim: RimValues) -> np.ndarray:
 
 def radial_integral(rim: RimValues, share: np.ndarray) -> np.ndarray:
     """∫ w²·r dr from 0 to 1, by Lommel's integrals."""
-    square1, square2, m2 = rim.beta1**2, rim.beta2**2, rim.order**2
-    of_j = ((1 - m2 / square1) * rim.j**2 + rim.j_slope**2 / square1) / 2
-    of_i = (1 + (m2 - rim.i_slope**2) / square2) / 2
+    square1, square2, m2 = square(rim.beta1), square(rim.beta2), square(rim.order)
+    of_j = ((1 - m2 / square1) * square(rim.j) + square(rim.j_slope) / square1) / 2
+    of_i = (1 + (m2 - square(rim.i_slope)) / square2) / 2
     of_both = (rim.i_slope * rim.j - rim.j_slope) / (square1 + square2)
-    return np.asarray(of_j + 2 * share * of_both + share**2 * of_i)
+    return np.asarray(of_j + 2 * share * of_both + square(share) * of_i)
 
 
 def characteristic_roots(edge: Edge, poisson: float, pull: float, top: float) -> tuple[np.ndarray, np.ndarray]:
@@ -134,14 +132,12 @@ def characteristic_roots(edge: Edge, poisson: float, pull: float, top: float) ->
     ∞ between two zeros of J_m, so one root lies between; of a clamped plate it lies below the zero of J_{m+1}. Below
     the first zero a clamped plate has none, and a free one none for m = 0 and 1.
     """
-    from scipy.special import jn_zeros
-
     orders, lows, highs = [np.zeros(0)], [np.zeros(0)], [np.zeros(0)]
     for m in range(int(1.05 * top) + 3):
         number = max(int((top - m) / math.pi), 0) + 2  # the first zero is beyond m, the next ones π apart and more
-        zeros = jn_zeros(m, number)
+        zeros = zeros_of_j(m, np.arange(1, number + 1))
         if edge == "clamped":
-            low, high = zeros, jn_zeros(m + 1, number)
+            low, high = zeros, zeros_of_j(m + 1, np.arange(1, number + 1))
         else:
             low, high = np.concatenate([[m / 2 if m else 1e-2], zeros[:-1]]), zeros
             if edge == "free" and m < 2:

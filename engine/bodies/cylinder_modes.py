@@ -6,13 +6,21 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from engine.arithmetic import plain_numbers
+from engine.arithmetic.eigenpairs import Eigenproblem
+from engine.arithmetic.elementary import cos, sin, square
+from engine.arithmetic.linear import symmetric_eigenvectors
+from engine.arithmetic.products import product
+from engine.arithmetic.quadrature import gauss_legendre
 from engine.bodies.body import UnfitBody
-from engine.bodies.plate_modes import MAX_WORK, PlateModes, lowest_vectors, with_signs
+from engine.bodies.lowest_modes import Block, lowest_modes, symmetric, with_signs
+from engine.bodies.plate_modes import MAX_WORK, PlateModes
 from engine.bodies.side_functions import Edge, SideFunctions
 
 FIRST_ORDER = 2  # n = 0 and n = 1 are left out: breathing and torsion, and the bending of the whole tube
 FIRST_RING = 6 / math.sqrt(5)  # ω·R² of the slowest ring, of two waves around, in √(D/ρh)
 ORDER_COST = 150  # functions: what an order takes beside its matrices
+SHIFT = 1e-3  # of eigenvalues, times the highest that is wanted: so the lowest are also exact
 ROOM = 1.15  # how much the wave number of a mode may be above that of a plane wave of its frequency
 
 ENDS: dict[Edge, tuple[Edge, Edge, Edge]] = {  # what the motions along, around and outward do at the ends
@@ -34,11 +42,11 @@ class Shell(NamedTuple):
 
     def stretching(self) -> float:
         """Eh/(1 - ν²), N/m."""
-        return self.young * self.thickness / (1 - self.poisson**2)
+        return self.young * self.thickness / (1 - self.poisson * self.poisson)
 
     def rigidity(self) -> float:
         """D = Eh³/12(1 - ν²), N·m."""
-        return self.stretching() * self.thickness**2 / 12
+        return self.stretching() * self.thickness * self.thickness / 12
 
     def highest_wave_number(self, omega: float) -> float:
         """Of modes up to an angular frequency (rad/s), 1/m: of bending, or of shear in the surface."""
@@ -68,7 +76,7 @@ def cylinder_modes(
     count: of modes at most; max_omega: all are below it, rad/s
     """
     plane = 2 * count / (shell.radius * shell.length)  # wave number² below which a flat sheet has so many
-    ring = FIRST_RING / shell.radius**2  # below it, there are hardly any
+    ring = FIRST_RING / (shell.radius * shell.radius)  # below it, there are hardly any
     limit = min(max(plane, ring) * math.sqrt(shell.rigidity() / (shell.density * shell.thickness)), max_omega)
     while True:
         waves = supported_waves(shell, limit) if ends == "supported" else ritz_waves(shell, ends, limit)
@@ -82,7 +90,7 @@ def cylinder_modes(
 
     def shape(position: Any) -> np.ndarray:
         angle, height = np.moveaxis(np.asarray(position, float), -1, 0)
-        around = np.cos(2 * math.pi * order * angle[..., None] - turn)
+        around = cos(2 * math.pi * order * angle[..., None] - turn)
         return np.asarray(waves.outward(height)[..., which] * around)
 
     return PlateModes(waves.omega[which], shape)
@@ -90,7 +98,7 @@ def cylinder_modes(
 
 def orders_below(shell: Shell, omega: float) -> np.ndarray:
     """Orders n of which some modes may lie below an angular frequency (rad/s)."""
-    return np.arange(float(FIRST_ORDER), math.hypot(shell.radius * shell.highest_wave_number(omega), 1) + 1)
+    return np.arange(float(FIRST_ORDER), math.sqrt(square(shell.radius * shell.highest_wave_number(omega)) + 1) + 1)
 
 
 def strain_rows(shell: Shell, n: float, u: Any, v: Any, w: Any) -> list[list[Any]]:
@@ -105,8 +113,8 @@ def strain_rows(shell: Shell, n: float, u: Any, v: Any, w: Any) -> list[list[Any
         [0 * u[0], n / r * v[0], w[0] / r],
         [-n / r * u[0], v[1], 0 * w[0]],
         [0 * u[0], 0 * v[0], -w[2]],
-        [0 * u[0], n / r**2 * v[0], n**2 / r**2 * w[0]],
-        [n / (2 * r**2) * u[0], 1.5 / r * v[1], 2 * n / r * w[1]],
+        [0 * u[0], n / (r * r) * v[0], n * n / (r * r) * w[0]],
+        [n / (2 * r * r) * u[0], 1.5 / r * v[1], 2 * n / r * w[1]],
     ]
 
 
@@ -125,9 +133,10 @@ def supported_waves(shell: Shell, limit: float) -> Waves:
     half_waves, orders = np.arange(1.0, highest + 2), orders_below(shell, limit)
     m, n = (grid.ravel() for grid in np.meshgrid(half_waves, orders, indexing="ij"))
     k, one = m * math.pi / shell.length, np.ones(m.size)
-    rows = np.array(strain_rows(shell, n, [one, -k], [one, k], [one, k, -(k**2)]))  # [6, 3, waves]
-    energy = np.einsum("aiw,ab,bjw->wij", rows, elastic_law(shell), rows, optimize=True)
-    square, vectors = np.linalg.eigh(energy)
+    rows = np.array(strain_rows(shell, n, [one, -k], [one, k], [one, k, -k * k]))  # [6, 3, waves]
+    strains = np.moveaxis(rows, -1, 0)  # [waves, 6, 3]
+    energy = product(np.swapaxes(strains, -1, -2), product(elastic_law(shell), strains))
+    square, vectors = symmetric_eigenvectors(energy)
     omega = np.sqrt(np.maximum(square, 0.0) / (shell.density * shell.thickness))  # [waves, 3]
     wave, root = np.nonzero(omega < limit)
     scale = 1 / math.sqrt(math.pi * shell.radius * shell.length / 2 * shell.density * shell.thickness)
@@ -135,7 +144,7 @@ def supported_waves(shell: Shell, limit: float) -> Waves:
     half_turns = math.pi * m[wave]
 
     def motion(height: np.ndarray) -> np.ndarray:
-        return np.asarray(outward * np.sin(half_turns * height[..., None]))
+        return np.asarray(outward * sin(half_turns * height[..., None]))
 
     return Waves(omega[wave, root], n[wave], motion)
 
@@ -166,11 +175,11 @@ class RitzEnergy:
         """Over cos² or sin² nθ [functions of all motions, the same], N/m³."""
         ones = np.eye(len(self.series)).reshape(3, -1, len(self.series))
         strains = np.array(strain_rows(self.shell, n, *ones)).sum(axis=1)  # [6, series]
-        factors = strains.T @ self.law @ strains
+        factors = product(strains.T, product(self.law, strains))
         total = np.zeros((self.size, self.size))
         for i, j in zip(*np.nonzero(factors), strict=True):
             if (i, j) not in self.integrals:
-                self.integrals[i, j] = self.series[i].T @ self.series[j]
+                self.integrals[i, j] = product(self.series[i].T, self.series[j])
             total[self.places[i], self.places[j]] += factors[i, j] * self.integrals[i, j]
         return total
 
@@ -180,11 +189,11 @@ def ritz_waves(shell: Shell, ends: Edge, limit: float) -> Waves:
     half = shell.length / 2
     waves = shell.highest_wave_number(limit) * half
     border = half / math.sqrt(shell.radius * shell.thickness)  # bending falls off from an end in √(Rh)
-    number = math.ceil(waves + 1.5 * waves ** (1 / 3) + 2 * math.sqrt(border)) + 8
+    number = math.ceil(waves + 1.5 * plain_numbers.power(waves, 1 / 3) + 2 * math.sqrt(border)) + 8
     check_work(number, orders_below(shell, limit).size)
     motions = [SideFunctions((end, end), number, []) for end in ENDS[ends]]
-    t, weight = np.polynomial.legendre.leggauss(number + 6)
-    lengths = shell.length ** -np.arange(3.0)[:, None, None]
+    t, weight = gauss_legendre(number + 6)
+    lengths = np.array([1.0, 1 / shell.length, 1 / (shell.length * shell.length)])[:, None, None]
     u, v, w = (np.sqrt(weight / 2)[:, None] * motion.values((1 + t) / 2, 3) * lengths for motion in motions)
     outward = motions[2]
     scale = 1 / math.sqrt(math.pi * shell.radius * shell.length * shell.density * shell.thickness)
@@ -193,8 +202,9 @@ def ritz_waves(shell: Shell, ends: Edge, limit: float) -> Waves:
         chosen = [motions[0].odd != odd, motions[1].odd == odd, motions[2].odd == odd]
         energy = RitzEnergy(shell, [motion[..., keep] for motion, keep in zip((u, v, w), chosen, strict=True)])
         for n in orders_below(shell, limit):
-            block = energy.matrix(n) / (shell.density * shell.thickness)
-            square, vectors = lowest_vectors(block, np.eye(block.shape[0]), 0.0, [], block.shape[0], limit)
+            block = symmetric(energy.matrix(n)) / (shell.density * shell.thickness)
+            problem = Eigenproblem(block, block.shape[:1])
+            ((square, vectors),) = lowest_modes([Block(problem, [])], SHIFT * limit * limit, block.shape[0], limit)
             below = np.sqrt(square) < limit
             of_block = np.zeros((3 * number, int(np.count_nonzero(below))))
             of_block[np.concatenate(chosen)] = with_signs(vectors[:, below])
@@ -204,6 +214,6 @@ def ritz_waves(shell: Shell, ends: Edge, limit: float) -> Waves:
     shapes = np.concatenate(factors, axis=1)
 
     def motion(height: np.ndarray) -> np.ndarray:
-        return np.asarray(outward.values(height)[0] @ shapes)
+        return product(outward.values(height)[0], shapes)
 
     return Waves(np.concatenate(omegas), np.concatenate(orders), motion)

@@ -9,8 +9,10 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
+from engine.arithmetic.elementary import square
+from engine.arithmetic.plain_numbers import whole_power
 from engine.bodies.body import TO_60_DB
-from engine.bodies.table import KeyPath, NotNegative, Positive, Table, are_positive, is_given, make_fault
+from engine.bodies.table import KeyPath, NotNegative, Positive, Table, are_positive, is_given, is_number, make_fault
 
 Rate = Annotated[float, Field(ge=0.0, le=1e6)]
 
@@ -36,7 +38,7 @@ class BilbaoDecay(DecayLaw):
     sigma1: Rate = Field(default=0.0, description="decay rate per wave number², m²/s")
 
     def rates(self, omega: np.ndarray, wave_number: np.ndarray) -> np.ndarray:
-        return np.asarray(self.sigma0 + self.sigma1 * wave_number**2)
+        return np.asarray(self.sigma0 + self.sigma1 * square(wave_number))
 
 
 class VanWalstijnDecay(DecayLaw):
@@ -48,7 +50,7 @@ class VanWalstijnDecay(DecayLaw):
     sigma3: Rate = Field(default=0.0, description="decay rate per wave number³, m³/s")
 
     def rates(self, omega: np.ndarray, wave_number: np.ndarray) -> np.ndarray:
-        return np.asarray(self.sigma0 + self.sigma1 * wave_number + self.sigma3 * wave_number**3)
+        return np.asarray(self.sigma0 + self.sigma1 * wave_number + self.sigma3 * whole_power(wave_number, 3))
 
 
 class ChaigneAskenfeltDecay(DecayLaw):
@@ -59,7 +61,7 @@ class ChaigneAskenfeltDecay(DecayLaw):
     b3: float = Field(default=0.0, ge=0.0, le=1.0, description="decay rate per angular frequency², s")
 
     def rates(self, omega: np.ndarray, wave_number: np.ndarray) -> np.ndarray:
-        return np.asarray(self.b1 + self.b3 * omega**2)
+        return np.asarray(self.b1 + self.b3 * square(omega))
 
 
 class LinearDecay(DecayLaw):
@@ -90,8 +92,8 @@ class T60Decay(DecayLaw):
 
     kind: Literal["t60"]
     t60: list[Positive] = Field(min_length=1, max_length=2, description="one or two decay times to -60 dB, s")
-    frequency: list[Positive] | None = Field(
-        default=None, min_length=2, max_length=2, description="frequencies of the two times, Hz"
+    frequency: list[NotNegative] | None = Field(
+        default=None, min_length=2, max_length=2, description="frequencies of the two times, Hz; the first may be 0"
     )
 
     def rates(self, omega: np.ndarray, wave_number: np.ndarray) -> np.ndarray:
@@ -137,15 +139,17 @@ def t60_rates(times: list[float], at: list[float] | None, omega: np.ndarray) -> 
     rates = [TO_60_DB / t for t in times]
     if len(rates) == 1 or at is None:
         return np.full_like(omega, rates[0])
-    a, b = ((2 * math.pi * f) ** 2 for f in at)
+    a, b = (square(2 * math.pi * f) for f in at)
     slope = (rates[1] - rates[0]) / (b - a)
-    return np.asarray(rates[0] + slope * (omega**2 - a))
+    return np.asarray(rates[0] + slope * (square(omega) - a))
 
 
 def t60_faults(path: KeyPath, table: dict[str, Any], key: str, at_key: str) -> Iterator[InitErrorDetails]:
     """Two times come with two frequencies, and must not make any mode grow. key, at_key: of both in the table."""
     times, at = table.get(key), table.get(at_key)
-    if not are_positive(times) or (at is not None and not are_positive(at)):
+    if not are_positive(times):
+        return
+    if at is not None and not (isinstance(at, list) and all(is_number(f) and 0.0 <= f < math.inf for f in at)):
         return
     if len(times) == 2 and at is None:
         yield make_fault((*path, key), times, "two times are given without frequencies", f"give {at_key} = [Hz, Hz]")
@@ -155,8 +159,8 @@ def t60_faults(path: KeyPath, table: dict[str, Any], key: str, at_key: str) -> I
             message = f"{long:g} s at {a:g} Hz and {short:g} s at {b:g} Hz"
             remedy = "the higher frequency second, and its time not the longer: else some mode would never decay"
             yield make_fault((*path, key), times, message, remedy)
-        elif short < long * (a / b) ** 2:
-            remedy = f"the second time at least {long * (a / b) ** 2:.3g} s"
+        elif short < long * square(a / b):
+            remedy = f"the second time at least {long * square(a / b):.3g} s"
             yield make_fault((*path, key), times, "modes below the first frequency would grow", remedy)
     elif at is not None:
         yield make_fault((*path, at_key), at, "frequencies are given without two times", f"give {key} = [s, s]")

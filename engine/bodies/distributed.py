@@ -7,9 +7,13 @@ from itertools import pairwise
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 from pydantic_core import InitErrorDetails
 
+from engine.arithmetic.elementary import square
+from engine.arithmetic.plain_numbers import whole_power
+from engine.arithmetic.products import product
+from engine.arithmetic.quadrature import gauss_legendre
 from engine.bodies.body import MAX_MODES, MIN_OMEGA, BodyTable, ModalBody, TooManyModes, UnfitBody
 from engine.bodies.decay import DECAY_LAWS, Decay, t60_faults, t60_rates
 from engine.bodies.initial_shape import (
@@ -21,7 +25,8 @@ from engine.bodies.initial_shape import (
     line_quadrature,
     peak_of_line,
 )
-from engine.bodies.table import KeyPath, Positions, Positive, Table, is_given, make_fault
+from engine.bodies.table import KeyPath, NotNegative, Positions, Positive, Table, is_given, make_fault
+from engine.bodies.tips import Compliance, Tip, sum_modes
 from engine.wording import format_value
 
 AUDIBLE = 20_000.0  # Hz
@@ -34,13 +39,6 @@ class ModeSet(NamedTuple):
 
     omega: np.ndarray  # [modes], rad/s
     sigma: np.ndarray  # [modes], 1/s
-    shape: Callable[[Any], np.ndarray]  # positions → [..., modes], 1/√kg
-
-
-class StaticModes(NamedTuple):
-    """Modes that only the static compliance counts."""
-
-    omega: np.ndarray  # [modes], rad/s
     shape: Callable[[Any], np.ndarray]  # positions → [..., modes], 1/√kg
 
 
@@ -67,8 +65,8 @@ class DistributedBody(BodyTable):
     )
     residual: bool | None = Field(
         default=None,
-        description="strings, bars and supported plates: true adds a few modes, which replace the compliance at"
-        " contacts of the modes above the limit of the sample rate; if absent, they are added where it is 3 % or more",
+        description="true adds a few modes, which replace the compliance at contacts of the modes that are left out;"
+        " if absent, they are added where it is 3 % or more. Not of soundboards, shells, bars of given ratios and air",
     )
     support: list[Support] = Field(
         default=[], max_length=MAX_SUPPORTS, description="springs and dampers that hold it to the ground"
@@ -83,16 +81,19 @@ class DistributedBody(BodyTable):
         max_length=2,
         description="decay time to -60 dB at the frequencies of t60_at, s; instead of decay rates",
     )
-    t60_at: list[Positive] | None = Field(
+    t60_at: list[NotNegative] | None = Field(
         default=None,
         min_length=2,
         max_length=2,
-        description="two frequencies, Hz; between them σ is linear in frequency²",
+        description="two frequencies, Hz, the first 0 or more; between them σ is linear in frequency²",
     )
     decay: Decay | None = Field(default=None, description="decay law by its name; instead of decay rates and t60")
 
     displacement: Initial | None = Field(default=None, description="displacement at time 0")
     velocity: Initial | None = Field(default=None, description="velocity at time 0")
+
+    GIVES_WAY_IN_BANDS: ClassVar[bool] = False  # its residual modes (engine.assembly.residual_modes)
+    _residual_rate: float | None = PrivateAttr(default=None)
 
     BEGINS_AT_REST: ClassVar[bool] = False  # without `displacement` and `velocity`
 
@@ -108,13 +109,40 @@ class DistributedBody(BodyTable):
     def peak(self, at: Any) -> Profile:
         """The profile that is 1 at a place, and falls to 0 at the ends or the rim."""
 
-    def modes_beyond(self, omega: float) -> StaticModes | None:
-        """Modes above an angular frequency (rad/s), as many as amount to anything at a point; None if not known."""
+    def mean_shape(self, modes: ModeSet, tip: Tip) -> np.ndarray:
+        """Mode shapes in the mean over what a tip covers [modes], 1/√kg."""
+        return np.asarray(modes.shape(tip.at))
+
+    def with_tips(self, modes: ModeSet) -> ModeSet:
+        """The modes, with shapes at positions and under tips."""
+        return modes._replace(
+            shape=lambda at: self.mean_shape(modes, at) if isinstance(at, Tip) else np.asarray(modes.shape(at))
+        )
+
+    def compliance_beyond(self, omega: float, highest: float = math.inf) -> Compliance | None:
+        """Static compliance between places of the modes above an angular frequency, and up to another one (rad/s); None
+        if not known."""
         return None
+
+    def sum_beyond(self, modes: ModeSet, omega: float, highest: float) -> Compliance:
+        """The static compliance of those modes that are above an angular frequency, and up to another one, rad/s."""
+        above = (modes.omega > omega * (1 + 1e-12)) & (modes.omega <= highest * (1 + 1e-12))
+        modes = self.with_tips(modes)
+        return sum_modes(modes.omega[above], lambda at: modes.shape(at)[..., above])
+
+    def with_residual_of(self, samplerate: float) -> "DistributedBody":
+        """Return the body with the residual modes that it has at a sample rate (Hz), whatever that of the scene is."""
+        body = self.model_copy()
+        body._residual_rate = samplerate
+        return body
+
+    def residual_rate(self, samplerate: float) -> float:
+        """Return the sample rate that its residual modes are for, Hz. samplerate: of the steps, Hz"""
+        return samplerate if self._residual_rate is None else self._residual_rate
 
     def modal_body(self, max_frequency: float = math.inf) -> ModalBody:
         with np.errstate(all="ignore"):  # what is not finite is refused in the end (engine.assembly.limits)
-            body = at_rest(self.free_modes(2 * math.pi * max_frequency))
+            body = at_rest(self.with_tips(self.free_modes(2 * math.pi * max_frequency)))
             return body._replace(q=self._modal(self.displacement, body), p=self._modal(self.velocity, body))
 
     def initial_displacement(self, at: Any) -> float:
@@ -124,7 +152,7 @@ class DistributedBody(BodyTable):
             body = self.modal_body(AUDIBLE)
         except UnfitBody:  # a mode above those
             return 0.0
-        return float(body.shape(at) @ body.q)
+        return float(product(body.shape(at), body.q))
 
     def _modal(self, begin: InitialShape | None, body: ModalBody) -> np.ndarray:
         """Return the initial modal coordinates of a displacement or a velocity [modes]; zeros without any."""
@@ -145,8 +173,8 @@ class DistributedBody(BodyTable):
             return self.decay.rates(omega, wave_number)
         if self.t60 is not None:
             return t60_rates(self.t60, self.t60_at, omega)
-        per_wave = self.sigma_beta * wave_number + self.sigma_beta3 * wave_number**3
-        return np.asarray((self.sigma0 or 0.0) + per_wave + self.b3 * omega**2)
+        per_wave = self.sigma_beta * wave_number + self.sigma_beta3 * whole_power(wave_number, 3)
+        return np.asarray((self.sigma0 or 0.0) + per_wave + self.b3 * square(omega))
 
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
@@ -194,11 +222,15 @@ class LineBody(DistributedBody):
     def peak(self, at: Any) -> Profile:
         return peak_of_line(at)
 
+    def mean_shape(self, modes: ModeSet, tip: Tip) -> np.ndarray:
+        begin, end = self.covered(tip)
+        node, weight = gauss_legendre(8 + math.ceil(2 * modes.omega.size * (end - begin)))
+        return np.asarray(product(weight / 2, modes.shape(begin + (end - begin) * (node + 1) / 2)))
 
-def above(modes: ModeSet, omega: float) -> StaticModes:
-    """The modes above an angular frequency, rad/s."""
-    chosen = modes.omega > omega * (1 + 1e-12)
-    return StaticModes(modes.omega[chosen], lambda position: modes.shape(position)[..., chosen])
+    def covered(self, tip: Tip) -> tuple[float, float]:
+        """Begin and end of what a tip covers, fractions of the length; beyond an end there is nothing."""
+        reach = tip.radius / self.length
+        return max(0.0, tip.at - reach), min(1.0, tip.at + reach)
 
 
 def at_rest(modes: ModeSet) -> ModalBody:

@@ -9,6 +9,9 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
+from engine.arithmetic.elementary import cos, interpolate, sin, square
+from engine.arithmetic.products import product
+from engine.arithmetic.quadrature import gauss_legendre
 from engine.bodies.body import UnfitBody
 from engine.bodies.table import Fraction, KeyPath, Positions, Table, is_given, is_number, make_fault
 
@@ -32,7 +35,7 @@ class Quadrature(NamedTuple):
         total = np.zeros(1)
         for first in range(0, len(self.positions), AT_ONCE):
             part = slice(first, first + AT_ONCE)
-            total = total + weights[part] @ shape(np.array(self.positions[part]))
+            total = total + product(weights[part], shape(np.array(self.positions[part])))
         return total
 
 
@@ -124,7 +127,9 @@ class InitialPoints(InitialShape):
         if self.y is None:
             order = np.argsort(x, kind="stable")
             x, value = x[order], value[order]
-            return self.scale * quadrature.project(lambda at: float(np.interp(at, x, value, 0.0, 0.0)), shape)
+            return self.scale * quadrature.project(
+                lambda at: float(interpolate(at, x, value)) if x[0] <= at <= x[-1] else 0.0, shape
+            )
         from scipy.interpolate import LinearNDInterpolator
 
         try:
@@ -159,7 +164,7 @@ Initial = Annotated[InitialTriangle | InitialMode | InitialPoints, Field(discrim
 
 def peak_of_line(at: float) -> Profile:
     """1 at a place of a line, and linear to 0 at its ends."""
-    return lambda x: float(np.interp(x, [0.0, at, 1.0], [float(at == 0.0), 1.0, float(at == 1.0)]))
+    return lambda x: float(interpolate(x, [0.0, at, 1.0], [float(at == 0.0), 1.0, float(at == 1.0)]))
 
 
 def peak_of_rectangle(at: list[float]) -> Profile:
@@ -178,10 +183,10 @@ def peak_of_circle(at: list[float]) -> Profile:
 
     def value(place: Any) -> float:
         way = 2 * np.array(place) - 1 - apex  # the rim is where |apex + s·way| = 1
-        square, along = float(way @ way), float(way @ apex)
-        if square == 0.0:
+        length, along = float(product(way, way)), float(product(way, apex))
+        if length == 0.0:
             return 1.0
-        to_rim = (math.sqrt(along**2 + square * (1 - float(apex @ apex))) - along) / square
+        to_rim = (math.sqrt(square(along) + length * (1 - float(product(apex, apex)))) - along) / length
         return 1 - 1 / to_rim if to_rim > 1 else 0.0
 
     return value
@@ -193,7 +198,7 @@ def line_quadrature(waves: int, kinks: list[float], mass: float) -> Quadrature:
     waves: half-waves of the highest mode; kinks: fractions; mass: kg
     """
     ends = np.unique(np.concatenate([np.linspace(0.0, 1.0, waves + 1), kinks]))
-    node, weight = np.polynomial.legendre.leggauss(6)
+    node, weight = gauss_legendre(6)
     width = np.diff(ends)[:, None]
     positions = (ends[:-1, None] + width * (node + 1) / 2).ravel()
     everywhere = np.linspace(0.0, 1.0, 64 * waves + 1).tolist()
@@ -202,7 +207,7 @@ def line_quadrature(waves: int, kinks: list[float], mass: float) -> Quadrature:
 
 def rectangle_quadrature(waves: tuple[int, int], mass: float) -> Quadrature:
     """Gauss points of a rectangle. waves: half-waves of the highest modes along its sides; mass: kg"""
-    (x, wx), (y, wy) = (np.polynomial.legendre.leggauss(math.ceil(1.3 * n) + 12) for n in waves)
+    (x, wx), (y, wy) = (gauss_legendre(math.ceil(1.3 * n) + 12) for n in waves)
     positions = [[(1 + a) / 2, (1 + b) / 2] for a in x.tolist() for b in y.tolist()]
     border_to_border = [np.linspace(0.0, 1.0, 12 * n + 1).tolist() for n in waves]
     everywhere = [[a, b] for a in border_to_border[0] for b in border_to_border[1]]
@@ -211,7 +216,7 @@ def rectangle_quadrature(waves: tuple[int, int], mass: float) -> Quadrature:
 
 def circle_quadrature(waves: int, mass: float) -> Quadrature:
     """Gauss points of a circle, on rays. waves: around it, of the highest modes; mass: kg"""
-    node, weight = np.polynomial.legendre.leggauss(math.ceil(waves / 2) + 12)
+    node, weight = gauss_legendre(math.ceil(waves / 2) + 12)
     rays = 2 * waves + 16
     masses = mass * np.repeat(weight * (node + 1) / 2 / rays, rays)
     return Quadrature(polar((node + 1) / 2, rays), masses, polar(np.linspace(0.0, 1.0, 6 * waves + 1), 8 * waves + 8))
@@ -220,5 +225,5 @@ def circle_quadrature(waves: int, mass: float) -> Quadrature:
 def polar(radius: np.ndarray, rays: int) -> list[Any]:
     """Positions on rays of a circle, fractions of the square around it."""
     angle = np.arange(rays) * (2 * math.pi / rays)
-    x, y = (np.outer(radius, wave(angle)).ravel() / 2 + 0.5 for wave in (np.cos, np.sin))
+    x, y = (np.outer(radius, wave(angle)).ravel() / 2 + 0.5 for wave in (cos, sin))
     return list(np.column_stack([x, y]).tolist())

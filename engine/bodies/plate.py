@@ -9,13 +9,16 @@ import numpy as np
 from pydantic import Field
 from pydantic_core import InitErrorDetails
 
+from engine.arithmetic.elementary import square
+from engine.arithmetic.plain_numbers import whole_power
 from engine.bodies.bar import Cords
 from engine.bodies.circular_plate_modes import circular_plate_modes
-from engine.bodies.distributed import ModeSet, StaticModes, above
+from engine.bodies.distributed import ModeSet
 from engine.bodies.plate_modes import MAX_RITZ_MODES, PlateModes, PlateStiffness, rectangle_plate_modes
 from engine.bodies.sheet import MAX_SHEET_MODES, TunedSheet
 from engine.bodies.stretching import Stretching
-from engine.bodies.table import KeyPath, are_positive, is_given, is_number, make_fault
+from engine.bodies.table import KeyPath, is_given, make_fault
+from engine.bodies.tips import Compliance, sum_waves
 
 MODES_OF_STATICS = 4_000  # beyond, a point gives way by less than 1e-3 more
 Modulus = Annotated[float, Field(gt=0.0, le=1e15)]
@@ -42,7 +45,11 @@ class Plate(TunedSheet):
         default=None, description="shear modulus of wood, Pa; √(Ex·Ey)/(2 + 2√(νxy·νyx)) if absent"
     )
     poisson: float | None = Field(
-        default=None, ge=0.0, lt=0.5, description="Poisson's ratio, of wood νxy; 0.3 if absent"
+        default=None,
+        ge=0.0,
+        lt=0.5,
+        description="Poisson's ratio, of wood νxy, or that along the stiffer side where νxy·νyx would be 1 or more; 0.3"
+        " if absent, of wood along the stiffer side",
     )
     tension: float | None = Field(
         default=None, gt=0.0, le=1e9, description="tension in addition to the flexural rigidity, N/m"
@@ -77,14 +84,10 @@ class Plate(TunedSheet):
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """Modes of a rectangle (engine.bodies.plate_modes) or a circle (engine.bodies.circular_plate_modes)."""
-        stiffness, tension = self.stiffness(), self.tension or 0.0
+        stiffness, tension = self._tuned_stiffness(), self.tension or 0.0
         known = MAX_SHEET_MODES if self.edges == "supported" and self.size is not None else MAX_RITZ_MODES
-        rigid = 3 if self.edges == "free" else 0
+        rigid = self.count_whole_modes()
         count = (self.modes or known) + rigid
-        if self.frequency is not None:  # of rigidity 1: frequencies go as its root
-            first = self._modes(stiffness, 0.0, rigid + 1, math.inf).omega[rigid]
-            factor = (2 * math.pi * self.frequency / first) ** 2
-            stiffness = PlateStiffness(*(factor * d for d in stiffness))
         omega, shape = self._modes(stiffness, tension, count, max_omega)
         sigma = self.decay_rates(omega[rigid:], self.wave_numbers(omega[rigid:], stiffness.mean(), tension))
         if not rigid:
@@ -97,10 +100,27 @@ class Plate(TunedSheet):
             lambda position: np.roll(shape(position), -rigid, axis=-1),
         )
 
-    def modes_beyond(self, omega: float) -> StaticModes | None:
-        if self.edges != "supported" or self.size is None:
-            return None
-        return above(self.model_copy(update={"modes": MODES_OF_STATICS}).free_modes(math.inf), omega)
+    def compliance_beyond(self, omega: float, highest: float = math.inf) -> Compliance | None:
+        """Of a rectangle that is not supported, and of a circle, far from the edges; of wood, as of a plate of one
+        modulus that gives way as much."""
+        if self.edges == "supported" and self.size is not None:
+            modes = self.model_copy(update={"modes": MODES_OF_STATICS}).free_modes(math.inf)
+            return self.sum_beyond(modes, omega, highest)
+        rigidity, tension = self._tuned_stiffness().yielding(), self.tension or 0.0
+        low, high = (
+            float(self.wave_numbers(np.array(at), rigidity, tension)) if at < math.inf else math.inf
+            for at in (omega, highest)
+        )
+        return sum_waves((low, high), tension, rigidity, self.covered_radius, self.metres)
+
+    def _tuned_stiffness(self) -> PlateStiffness:
+        """Flexural rigidities, N·m; those that a frequency asks for, if it is given instead."""
+        stiffness, rigid = self.stiffness(), self.count_whole_modes()
+        if self.frequency is None:
+            return stiffness
+        first = self._modes(stiffness, 0.0, rigid + 1, math.inf).omega[rigid]  # of rigidity 1: it goes as its root
+        factor = square(2 * math.pi * self.frequency / first)
+        return PlateStiffness(*(factor * d for d in stiffness))
 
     def _modes(self, stiffness: PlateStiffness, tension: float, count: int, max_omega: float) -> PlateModes:
         """The lowest modes; those of a free plate as a whole come first."""
@@ -115,14 +135,17 @@ class Plate(TunedSheet):
         """Flexural rigidities, N·m; of rigidity 1, if a frequency is given instead.
 
         Dx = Ex·h³/(12·(1 - νxy·νyx)), νyx = νxy·Ey/Ex, D1 = νyx·Dx, Dk = G·h³/12 (Timoshenko & Woinowsky-Krieger,
-        Theory of Plates and Shells, sec. 85).
+        Theory of Plates and Shells, sec. 85). Wood whose sides are the other way round is turned: a ratio that cannot
+        be νxy, or that is not given, is νyx where y is stiffer.
         """
         poisson = 0.3 if self.poisson is None else self.poisson
         if self.young is None:
             return PlateStiffness.isotropic(self.flexural_rigidity or 1.0, poisson)
         along, across = self.young if isinstance(self.young, list) else (self.young, self.young)
+        if along < across and (self.poisson is None or square(poisson) * across >= along):
+            poisson *= along / across
         other = poisson * across / along
-        bend = (self.thickness or 0.0) ** 3 / 12
+        bend = whole_power(self.thickness or 0.0, 3) / 12
         shear = self.shear or math.sqrt(along * across) / (2 * (1 + math.sqrt(poisson * other)))
         solid = bend / (1 - poisson * other)
         return PlateStiffness(along * solid, across * solid, other * along * solid, shear * bend)
@@ -132,7 +155,7 @@ class Plate(TunedSheet):
         stiffness = self.stiffness_of_stretch()
         if self.stretching and isinstance(self.young, float):
             poisson = 0.3 if self.poisson is None else self.poisson
-            stiffness = self.young * (self.thickness or 0.0) / (1 - poisson**2) / (2 * self.area())
+            stiffness = self.young * (self.thickness or 0.0) / (1 - square(poisson)) / (2 * self.area())
         if stiffness == 0.0 or self.size is None:
             return None
         number = np.arange(1, 2 * omega.size + 1)
@@ -141,6 +164,19 @@ class Plate(TunedSheet):
 
     def tension_at_rest(self) -> float | None:
         return self.tension
+
+    def bending_thickness(self) -> float | None:
+        """The thickness, or √(12·D/(E·h/(1 - ν²))) where that follows from stiffnesses."""
+        if self.thickness is not None or not self.stretching_stiffness or self.size is None:
+            return self.thickness
+        rigidity = self.flexural_rigidity
+        if rigidity is None:  # of a supported rectangle ω² = D·β⁴/ρ
+            lowest = sum(square(math.pi / side) for side in self.size)
+            rigidity = self.area_density * square(2 * math.pi * (self.frequency or 0.0) / lowest)
+        return math.sqrt(12 * rigidity / self.stretching_stiffness)
+
+    def count_whole_modes(self) -> int:
+        return 3 if self.edges == "free" else 0
 
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
@@ -153,11 +189,6 @@ class Plate(TunedSheet):
         if is_given(table, "shear") and not isinstance(young, list):
             message = "a shear modulus is given without two Young's moduli"
             yield make_fault((*path, "shear"), table["shear"], message, "young = [Pa along x, Pa along y]")
-        poisson = table.get("poisson", 0.3)
-        if isinstance(young, list) and are_positive(young) and len(young) == 2 and is_number(poisson):
-            if poisson**2 * young[1] >= young[0]:
-                message = f"with it νxy·νyx is {poisson**2 * young[1] / young[0]:.2g}"
-                yield make_fault((*path, "poisson"), poisson, message, "below 1; the larger modulus first")
         if isinstance(young, list) and is_given(table, "radius"):
             yield make_fault((*path, "young"), young, "a circle of wood", "one modulus, or a rectangle of size")
         if is_given(table, "tension") and edges == "free":

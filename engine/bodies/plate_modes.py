@@ -2,21 +2,25 @@
 
 import math
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from itertools import product
 from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 
+from engine.arithmetic.eigenpairs import Eigenproblem
+from engine.arithmetic.elementary import cos, sin, square
+from engine.arithmetic.plain_numbers import power
+from engine.arithmetic.products import product as multiply
 from engine.bodies.body import UnfitBody
+from engine.bodies.lowest_modes import Block, estimate_highest, lowest_modes, symmetric, with_signs
+from engine.bodies.product_shapes import ProductSum, sum_products
 from engine.bodies.side_functions import Edge, SideFunctions
 
 MAX_RITZ_MODES = 400  # of a body whose modes are found so and that does not say how many
 MAX_RATE_STEPS = 2_000  # of a search, 5 % each
 MAX_FUNCTIONS = 400  # of one side
 MAX_WORK = 2.5e10  # third powers of the sizes of all matrices: ten seconds; beyond, they take minutes and gigabytes
-PLACES_KEPT, MAX_NUMBERS_KEPT = 128, 100_000  # of shapes that were computed: a live change needs the same again
-ROUNDING = 1e-9  # relative, of an eigenvalue
+DIRECTIONS = 360  # over which the compliance of wood is a mean
 ROOM_ABOVE = 1.02  # the highest mode may be so much above the frequency for which the functions were chosen
 
 
@@ -38,6 +42,16 @@ class PlateStiffness(NamedTuple):
     def mean(self) -> float:
         """√(Dx·Dy)."""
         return math.sqrt(self.x * self.y)
+
+    def yielding(self) -> float:
+        """D of a plate of one modulus whose waves above a frequency yield as much to a point: 1/√D is the mean of
+        1/√D(θ) over all directions, D(θ) = Dx·cos⁴θ + 2·(D1 + 2·Dk)·cos²θ·sin²θ + Dy·sin⁴θ."""
+        angle = np.linspace(0.0, np.pi, DIRECTIONS, endpoint=False)
+        along, across = square(cos(angle)), square(sin(angle))
+        rigidity = (
+            self.x * square(along) + 2 * (self.coupling + 2 * self.twist) * along * across + self.y * square(across)
+        )
+        return 1 / square(float(np.add.reduce(1 / np.sqrt(rigidity))) / DIRECTIONS)
 
 
 class Rib(NamedTuple):
@@ -79,7 +93,7 @@ def supported_plate_modes(
 
     def shape(position: Any) -> np.ndarray:
         x, y = np.moveaxis(np.asarray(position, float), -1, 0)[..., None]
-        return np.asarray(scale * np.sin(math.pi * m * x) * np.sin(math.pi * n * y))
+        return np.asarray(scale * sin(math.pi * m * x) * sin(math.pi * n * y))
 
     return PlateModes(omega, shape)
 
@@ -98,8 +112,12 @@ def lowest_products(
     """
 
     def frequency(m: np.ndarray, n: np.ndarray) -> np.ndarray:
-        x, y = ((m + shifts[0]) * math.pi / sides[0]) ** 2, ((n + shifts[1]) * math.pi / sides[1]) ** 2
-        bend = stiffness.x * x**2 + 2 * (stiffness.coupling + 2 * stiffness.twist) * x * y + stiffness.y * y**2
+        x, y = (
+            square((number + shift) * math.pi / side) for number, shift, side in zip((m, n), shifts, sides, strict=True)
+        )
+        bend = (
+            stiffness.x * square(x) + 2 * (stiffness.coupling + 2 * stiffness.twist) * x * y + stiffness.y * square(y)
+        )
         return np.asarray(np.sqrt((bend + tension * (x + y)) / density))
 
     numbers = np.arange(1.0, count + 1)
@@ -143,14 +161,21 @@ def rectangle_plate_modes(
     top = min(expected_top(sheet, count), max_omega)
     few = [math.ceil(0.7 * n) for n in polynomial_counts(sheet, top)]
     if ribs and count < math.prod(few):  # a rough calculation tells how much higher they make it
-        rough = ritz_modes(sheet, few, count, max_omega)
-        top = float(rough.omega[-1]) if rough.omega.size == count else top
+        basis = ritz_basis(sheet, few)
+        rough = math.sqrt(estimate_highest(basis.blocks, basis.lowest * count * math.sqrt(count), count))
+        top = rough if rough < max_omega else top
     while True:
         top = min(top, max_omega)
         numbers = polynomial_counts(sheet, top)
+        if (
+            top < max_omega
+            and math.prod(number + sheet.count_places(axis) for axis, number in enumerate(numbers)) < count
+        ):
+            top = 1.3 * top
+            continue
         modes = ritz_modes(sheet, numbers, count, max_omega)
         if modes.omega.size < count and top < max_omega:  # too few functions, or the others lie above
-            top = 1.3 * top if math.prod(numbers) < count else max_omega
+            top = max_omega
         elif modes.omega.size == count and modes.omega[-1] > ROOM_ABOVE * top:
             top = float(modes.omega[-1])  # not below the exact one
         else:
@@ -170,6 +195,10 @@ class Sheet(NamedTuple):
     def ribs_across(self, axis: int) -> list[Rib]:
         """Ribs that cross the side x (0) or y (1)."""
         return [rib for rib in self.ribs if rib.along == "yx"[axis]]
+
+    def count_places(self, axis: int) -> int:
+        """Places of x (0) or y (1) at which ribs cross it."""
+        return len({rib.at for rib in self.ribs_across(axis)})
 
     def is_symmetrical(self, axis: int) -> bool:
         """True if the plate is the same from both ends of x (0) or y (1)."""
@@ -196,15 +225,15 @@ def polynomial_counts(sheet: Sheet, top: float) -> list[int]:
     A wave of wave number k on a length L has Legendre coefficients up to degree kL/2; beyond, they fall off within a
     few times (kL/2)^⅓.
     """
-    stiffness, tension, inertia = sheet.stiffness, sheet.tension, sheet.density * top**2
-    narrow = 1 - min(stiffness.coupling**2 / (stiffness.x * stiffness.y), 0.5)  # a strip bends more easily
+    stiffness, tension, inertia = sheet.stiffness, sheet.tension, sheet.density * square(top)
+    narrow = 1 - min(square(stiffness.coupling) / (stiffness.x * stiffness.y), 0.5)  # a strip bends more easily
     counts = []
     for axis, rigidity in enumerate((narrow * stiffness.x, narrow * stiffness.y)):
-        square = (math.sqrt(tension**2 + 4 * rigidity * inertia) - tension) / (2 * rigidity)
+        beta2 = (math.sqrt(square(tension) + 4 * rigidity * inertia) - tension) / (2 * rigidity)
         rates = [rib_rates(sheet, rib, top)[0 if rib.along == "xy"[axis] else 1] for rib in sheet.ribs]
-        degree = max([math.sqrt(square), *rates]) * sheet.sides[axis] / 2
+        degree = max([math.sqrt(beta2), *rates]) * sheet.sides[axis] / 2
         margin = 7 if "free" in sheet.edges[axis] else 5
-        counts.append(math.ceil(degree + 1.5 * degree ** (1 / 3)) + margin)
+        counts.append(math.ceil(degree + 1.5 * power(degree, 1 / 3)) + margin)
     return counts
 
 
@@ -214,24 +243,33 @@ def rib_rates(sheet: Sheet, rib: Rib, omega: float) -> tuple[float, float]:
     Both in 1/m, and 0 if the rib is stiff rather than heavy. EI·k⁴ + 2·Dx·γ1·γ2·(γ1 + γ2) = μω²; γ1 and γ2 are the
     roots of Dx·γ⁴ - 2(D1 + 2Dk)·k²γ² + Dy·k⁴ = ρω². This is for a rib along y.
     """
-    d, inertia = sheet.stiffness, sheet.density * omega**2
+    d, inertia = sheet.stiffness, sheet.density * square(omega)
     along, across = (d.y, d.x) if rib.along == "y" else (d.x, d.y)
-    k = free_wave = (inertia / along) ** 0.25
+    k = free_wave = math.sqrt(math.sqrt(inertia / along))
     for _ in range(MAX_RATE_STEPS):
-        mean = (d.coupling + 2 * d.twist) / across * k**2  # of γ1² and γ2²
-        product = math.sqrt(max(along * k**4 - inertia, 0.0) / across)
-        if rib.bending * k**4 + 2 * across * product * math.sqrt(2 * (mean + product)) >= rib.density * omega**2:
+        mean = (d.coupling + 2 * d.twist) / across * square(k)  # of γ1² and γ2²
+        product = math.sqrt(max(along * square(square(k)) - inertia, 0.0) / across)
+        plate = 2 * across * product * math.sqrt(2 * (mean + product))
+        if rib.bending * square(square(k)) + plate >= rib.density * square(omega):
             break
         k *= 1.05
     if k == free_wave:
         return 0.0, 0.0
-    return k, math.sqrt(max(mean + math.sqrt(max(mean**2 - product**2, 0.0)), product))
+    return k, math.sqrt(max(mean + math.sqrt(max(square(mean) - square(product), 0.0)), product))
 
 
-def ritz_modes(sheet: Sheet, polynomials: Sequence[int], count: int, max_omega: float) -> PlateModes:
-    """Modes in products of so many polynomials of x and of y, and of the cubics of the ribs."""
-    ribs = [len({rib.at for rib in sheet.ribs_across(axis)}) for axis in range(2)]
-    along, across = (n + more for n, more in zip(polynomials, ribs, strict=True))
+class RitzBasis(NamedTuple):
+    """Products of functions of x and of y, in blocks that do not mix."""
+
+    axes: Sequence[SideFunctions]
+    groups: Sequence[tuple[np.ndarray, np.ndarray]]  # of each block, numbers of the functions of x and of y
+    blocks: Sequence[Block]
+    lowest: float  # about the lowest ω², 1/s²
+
+
+def ritz_basis(sheet: Sheet, polynomials: Sequence[int]) -> RitzBasis:
+    """Products of so many polynomials of x and of y, and of the cubics of the ribs."""
+    along, across = (n + sheet.count_places(axis) for axis, n in enumerate(polynomials))
     symmetries = math.prod(2 if sheet.is_symmetrical(axis) else 1 for axis in range(2))
     most = symmetries * (MAX_WORK / symmetries) ** (1 / 3)
     if along * across > most or max(along, across) > MAX_FUNCTIONS:
@@ -242,73 +280,73 @@ def ritz_modes(sheet: Sheet, polynomials: Sequence[int], count: int, max_omega: 
         SideFunctions(sheet.edges[axis], polynomials[axis], [rib.at for rib in sheet.ribs_across(axis)])
         for axis in range(2)
     ]
-    stiffness, mass = energies(sheet, axes)
+    stiffness, loads = energies(sheet, axes)
     rigid = rigid_products(sheet)
-    shift = float(lowest_products(sheet.sides, sheet.stiffness, sheet.density, sheet.tension, 1)[2][0]) ** 2
-    blocks = []
-    for x, y in product(*(parity_groups(sheet, axes[axis], axis) for axis in range(2))):
-        first = [j for j, pair in enumerate(product(x.tolist(), y.tolist())) if pair in rigid]
-        matrices = add_products(stiffness, x, y), add_products(mass, x, y)
-        square, vectors = lowest_vectors(*matrices, shift, first, count, max_omega)
-        blocks.append((square, x, y, vectors))
-    omega = np.sqrt(np.concatenate([square for square, *_ in blocks]))
+    groups = [(x, y) for x in parity_groups(sheet, axes[0], 0) for y in parity_groups(sheet, axes[1], 1)]
+    blocks = [
+        Block(
+            Eigenproblem(
+                add_products(stiffness, x, y),
+                (x.size, y.size),
+                [(axis, load[np.ix_((x, y)[axis], (x, y)[axis])]) for axis, load in loads],
+            ),
+            [j for j, pair in enumerate(product(x.tolist(), y.tolist())) if pair in rigid],
+        )
+        for x, y in groups
+    ]
+    lowest = float(lowest_products(sheet.sides, sheet.stiffness, sheet.density, sheet.tension, 1)[2][0])
+    return RitzBasis(axes, groups, blocks, square(lowest))
+
+
+def ritz_modes(sheet: Sheet, polynomials: Sequence[int], count: int, max_omega: float) -> PlateModes:
+    """Modes in products of so many polynomials of x and of y, and of the cubics of the ribs."""
+    basis = ritz_basis(sheet, polynomials)
+    pairs = lowest_modes(basis.blocks, basis.lowest * count * math.sqrt(count), count, max_omega)
+    omega = np.sqrt(np.concatenate([values for values, _ in pairs]))
     order = np.argsort(omega, kind="stable")[:count]
     order = order[omega[order] < max_omega]
     rank = np.full(omega.size, -1)
     rank[order] = np.arange(order.size)
-    sums = []  # of each block: the functions of x and y that it takes, factors [functions, modes], numbers of the modes
-    for (_, x, y, vectors), ranks in zip(blocks, np.split(rank, np.cumsum([b[0].size for b in blocks])), strict=False):
+    ranks_of_blocks = np.split(rank, np.cumsum([values.size for values, _ in pairs])[:-1])
+    sums = []
+    for (x, y), (_, vectors), ranks in zip(basis.groups, pairs, ranks_of_blocks, strict=True):
         kept = ranks >= 0
-        sums.append((x, y, with_signs(vectors[:, kept]), ranks[kept]))
+        sums.append(ProductSum(x, y, with_signs(vectors[:, kept]), ranks[kept]))
     scale = 1 / math.sqrt(sheet.density * sheet.sides[0] * sheet.sides[1])
-
-    @lru_cache(PLACES_KEPT)
-    def shape_at(coordinates: bytes, size: tuple[int, ...]) -> np.ndarray:
-        at = np.frombuffer(coordinates).reshape(size)
-        along, across = scale * axes[0].values(at[..., 0])[0], axes[1].values(at[..., 1])[0]
-        out = np.empty((*at.shape[:-1], order.size))
-        for x, y, factors, ranks in sums:
-            products = along[..., x, None] * across[..., None, y]
-            out[..., ranks] = products.reshape(*at.shape[:-1], -1) @ factors
-        out.flags.writeable = False
-        return out
-
-    def shape(position: Any) -> np.ndarray:
-        at = np.asarray(position, float)
-        find = shape_at if at.size * order.size <= MAX_NUMBERS_KEPT else shape_at.__wrapped__
-        return find(at.tobytes(), at.shape)
-
-    return PlateModes(omega[order], shape)
+    return PlateModes(omega[order], sum_products(basis.axes, sums, order.size, scale))
 
 
-Products = list[tuple[np.ndarray, np.ndarray]]  # a matrix of the functions of x, and one of the functions of y
+Products = list[tuple[np.ndarray | None, np.ndarray | None]]  # matrices of the functions of x, and of y; None: of ones
 
 
-def energies(sheet: Sheet, axes: Sequence[SideFunctions]) -> tuple[Products, Products]:
-    """Stiffness and mass of a plate and its ribs, per mass of the plate without them, as sums of products."""
+def energies(sheet: Sheet, axes: Sequence[SideFunctions]) -> tuple[Products, list[tuple[int, np.ndarray]]]:
+    """Stiffness of a plate and its ribs, per mass of the plate alone, as a sum of products, and the mass of the ribs:
+    the axis that they cross, and a matrix of its functions."""
     a, b = sheet.sides
-    d, tension, area = sheet.stiffness, sheet.tension, a * b
+    d = PlateStiffness(*(rigidity / sheet.density for rigidity in sheet.stiffness))
+    tension, area = sheet.tension / sheet.density, a * b
     x, y = axes[0].integrals, axes[1].integrals
-    one_x, one_y = np.eye(x.shape[-1]), np.eye(y.shape[-1])
-    stiffness = [
-        (d.x / a**4 * x[2, 2] + tension / a**2 * x[1, 1], one_y),
-        (one_x, d.y / b**4 * y[2, 2] + tension / b**2 * y[1, 1]),
-        (4 * d.twist / area**2 * x[1, 1], y[1, 1]),
+    stiffness: list[tuple[np.ndarray | None, np.ndarray | None]] = [
+        (d.x / (square(a * a)) * x[2, 2] + tension / (a * a) * x[1, 1], None),
+        (None, d.y / (square(b * b)) * y[2, 2] + tension / (b * b) * y[1, 1]),
+        (4 * d.twist / (area * area) * x[1, 1], y[1, 1]),
     ]
     if d.coupling:
-        stiffness += [(d.coupling / area**2 * x[2, 0], y[0, 2]), (d.coupling / area**2 * x[0, 2], y[2, 0])]
-    mass = [(one_x, one_y)]
+        factor = d.coupling / (area * area)
+        stiffness += [(factor * x[2, 0], y[0, 2]), (factor * x[0, 2], y[2, 0])]
+    loads = []
     for axis in range(2):
         ribs = sheet.ribs_across(axis)
         if not ribs:
             continue
         side, length = sheet.sides[axis], sheet.sides[1 - axis]
+        fourth = square(length * length)
         at = axes[axis].values(np.array([rib.at for rib in ribs]))[0]  # [ribs, functions]
-        bend = at.T @ (at * np.array([[rib.bending / (side * length**4)] for rib in ribs]))
-        heavy = at.T @ (at * np.array([[rib.density / (sheet.density * side)] for rib in ribs]))
+        bend = multiply(at.T, at * np.array([[rib.bending / (sheet.density * side * fourth)] for rib in ribs]))
+        heavy = multiply(at.T, at * np.array([[rib.density / (sheet.density * side)] for rib in ribs]))
+        loads.append((axis, symmetric(heavy)))
         stiffness.append((bend, y[2, 2]) if axis == 0 else (x[2, 2], bend))
-        mass.append((heavy, one_y) if axis == 0 else (one_x, heavy))
-    return [(m / sheet.density, n) for m, n in stiffness], mass
+    return stiffness, loads
 
 
 def rigid_products(sheet: Sheet) -> list[tuple[int, int]]:
@@ -338,50 +376,16 @@ def are_mirrored(ribs: Sequence[Rib]) -> bool:
 
 def add_products(terms: Products, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """A matrix over the products of some functions of x and y."""
-    return np.asarray(sum(np.kron(m[np.ix_(x, x)], n[np.ix_(y, y)]) for m, n in terms))
-
-
-def lowest_vectors(
-    stiffness: np.ndarray,
-    mass: np.ndarray,
-    shift: float,
-    rigid: Sequence[int],
-    count: int,
-    max_omega: float = math.inf,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Squares of the lowest angular frequencies, and vectors [functions, modes] of modal mass 1.
-
-    Largest eigenvalues 1/(ω² + shift) of M against K + shift·M: so rounding is small against the low modes, though
-    the highest functions are stiffer by many orders.
-
-    rigid: functions that span the motions of ω = 0
-    count: of vectors at most; if there are no more in all, only those up to max_omega (rad/s) are found
-    """
-    from scipy.linalg import cholesky, eigh, solve_triangular
-    from scipy.linalg.lapack import dsygst
-
-    size = stiffness.shape[0]
-    root = cholesky(stiffness + shift * mass)
-    reduced, _ = dsygst(mass, root)
-    subset: dict[str, Any] = {"subset_by_index": (max(size - count, 0), size - 1)}
-    if count >= size and max_omega < math.inf:
-        subset = {"subset_by_value": ((1 - ROUNDING) / (max_omega**2 + shift), math.inf)}
-    value, vectors = eigh(reduced, lower=False, **subset)
-    value, vectors = value[::-1], solve_triangular(root, vectors[:, ::-1] / np.sqrt(value[::-1]))
-    square = np.maximum(1 / value - shift, 0.0)
-    basis = np.zeros((size, 0))
-    for j in rigid[:count]:
-        vector = np.eye(size)[:, j]
-        vector -= basis @ (basis.T @ (mass @ vector))
-        basis = np.column_stack([basis, vector / math.sqrt(vector @ mass @ vector)])
-    vectors[:, : basis.shape[1]] = basis
-    square[: basis.shape[1]] = 0.0
-    return square, vectors
-
-
-def with_signs(vectors: np.ndarray) -> np.ndarray:
-    """Vectors whose first component of at least half the largest is positive."""
-    if not vectors.size:
-        return vectors
-    large = np.argmax(np.abs(vectors) >= 0.5 * np.max(np.abs(vectors), axis=0), axis=0)
-    return np.asarray(vectors * np.sign(vectors[large, np.arange(vectors.shape[1])]))
+    total = np.zeros((x.size, y.size, x.size, y.size))
+    for m, n in terms:
+        if n is None and m is not None:
+            part = m[np.ix_(x, x)]
+            for j in range(y.size):
+                total[:, j, :, j] += part
+        elif m is None and n is not None:
+            part = n[np.ix_(y, y)]
+            for i in range(x.size):
+                total[i, :, i, :] += part
+        elif m is not None and n is not None:
+            total += m[np.ix_(x, x)][:, None, :, None] * n[np.ix_(y, y)][None, :, None, :]
+    return symmetric(total.reshape(x.size * y.size, -1))

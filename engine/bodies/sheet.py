@@ -7,8 +7,12 @@ from typing import Any, ClassVar
 import numpy as np
 from pydantic import Field
 
+from engine.arithmetic.elementary import square
+from engine.arithmetic.plain_numbers import hypot
+from engine.arithmetic.products import product
+from engine.arithmetic.quadrature import gauss_legendre
 from engine.bodies.body import MAX_MODES, ModalBody, UnfitBody
-from engine.bodies.distributed import DistributedBody
+from engine.bodies.distributed import DistributedBody, ModeSet
 from engine.bodies.initial_shape import (
     Profile,
     Quadrature,
@@ -18,8 +22,10 @@ from engine.bodies.initial_shape import (
     rectangle_quadrature,
 )
 from engine.bodies.table import Positive, is_given, is_number
+from engine.bodies.tips import Tip, disc_nodes, middle_of
 from engine.wording import format_value
 
+FASTEST_WAVE = 1.5  # of its highest mode, times the mean of those: along the softer side
 RINGS = 96  # on which the motion of a circle is summed
 MAX_SUMMED_MODES = 5_000  # of a sheet over which something is summed
 MAX_SHEET_MODES = 1_000  # of a membrane or a plate that does not say how many
@@ -36,6 +42,28 @@ class SheetBody(DistributedBody):
         " at most",
     )
     HEARD: ClassVar[str] = "acceleration"
+
+    @abstractmethod
+    def extent(self) -> tuple[float, float]:
+        """Metres for which the two fractions of a position stand."""
+
+    def to_rim(self, at: Any) -> float:
+        """Distance of a position from the rim, m."""
+        return min(float(min(x, 1 - x)) * side for x, side in zip(at, self.extent(), strict=True))
+
+    def metres(self, place: Any) -> np.ndarray:
+        """Coordinates of a position or a tip, or of positions [..., 2], m."""
+        return np.asarray(middle_of(place) * np.array(self.extent()))
+
+    def covered_radius(self, place: Any) -> float:
+        """Radius of what a place covers, m: at most up to the rim; 0 of a position."""
+        return max(0.0, min(place.radius, self.to_rim(place.at))) if isinstance(place, Tip) else 0.0
+
+    def mean_shape(self, modes: ModeSet, tip: Tip) -> np.ndarray:
+        extent, radius = np.array(self.extent()), self.covered_radius(tip)
+        waves = FASTEST_WAVE * math.sqrt(4 * math.pi * modes.omega.size / float(np.prod(extent)))  # Weyl's law
+        place, weight = disc_nodes(waves * radius)
+        return np.asarray(product(weight, modes.shape(np.asarray(tip.at) + radius * place / extent)))
 
     @classmethod
     def split_positions(cls, at: Any) -> list[Any]:
@@ -68,6 +96,15 @@ class FlatSheet(SheetBody):
     def area(self) -> float:
         """Area, m²."""
 
+    def extent(self) -> tuple[float, float]:
+        return self.sides() or (2 * math.sqrt(self.area() / math.pi),) * 2
+
+    def to_rim(self, at: Any) -> float:
+        if self.sides() is not None:
+            return super().to_rim(at)
+        side = self.extent()[0]
+        return side / 2 - hypot(at[0] - 0.5, at[1] - 0.5) * side
+
     def total_mass(self) -> float:
         return self.surface_density() * self.area()
 
@@ -87,13 +124,20 @@ class FlatSheet(SheetBody):
         return quadrature._replace(masses=quadrature.masses * (self.area() / float(np.sum(quadrature.masses))))
 
     def volume_row(self, body: ModalBody) -> np.ndarray:
-        """∫ Φ dA: the volume that each mode displaces [modes], m²/√kg. body: its modes"""
+        """∫ Φ dA: the volume that each mode displaces [modes], m²/√kg; none where waves stand for those left out. body:
+        its modes"""
+        row = self._integral_row(body)
+        row[body.omega.size - body.residual :] = 0.0
+        return row
+
+    def _integral_row(self, body: ModalBody) -> np.ndarray:
+        """∫ Φ dA of modes over the area [modes], m²/√kg."""
         if self.sides() is not None:
             return self.area_quadrature(body.omega.size).project(lambda position: 1.0, body.shape)
-        node, weight = np.polynomial.legendre.leggauss(RINGS)  # on a circle only what moves its middle has a mean
+        node, weight = gauss_legendre(RINGS)  # on a circle only what moves its middle has a mean
         x = (node + 3) / 4
         rings = self.area() * weight * (node + 1) / 2
-        row = rings @ body.shape(np.column_stack([x, np.full(x.size, 0.5)]))
+        row = product(rings, body.shape(np.column_stack([x, np.full(x.size, 0.5)])))
         middle = np.abs(body.shape([0.5, 0.5]))
         return np.where(middle > 1e-9 * np.max(middle), row, 0.0)
 
@@ -105,10 +149,10 @@ class FlatSheet(SheetBody):
 
         rigidity: D, N·m; tension: T, N/m
         """
-        inertia = self.surface_density() * omega**2
+        inertia = self.surface_density() * square(omega)
         if rigidity == 0.0:
             return np.asarray(np.sqrt(inertia / tension))
-        root = np.sqrt(tension**2 + 4 * rigidity * inertia)  # (root - T)/2D, without cancellation
+        root = np.sqrt(square(tension) + 4 * rigidity * inertia)  # (root - T)/2D, without cancellation
         return np.asarray(np.sqrt(2 * inertia / (root + tension)))
 
 
@@ -145,11 +189,11 @@ class TunedSheet(FlatSheet):
 
     def area(self) -> float:
         a, b = self.size or (0.0, 0.0)
-        return math.pi * (self.radius or 0.0) ** 2 if self.size is None else a * b
+        return math.pi * square(self.radius or 0.0) if self.size is None else a * b
 
     @classmethod
     def explain_outside(cls, table: dict[str, Any], item: Any) -> tuple[str, str] | None:
-        if not is_given(table, "radius") or math.hypot(2 * item[0] - 1, 2 * item[1] - 1) <= 1:
+        if not is_given(table, "radius") or hypot(2 * item[0] - 1, 2 * item[1] - 1) <= 1:
             return None
         outside = f"{format_value(item)} lies outside the circle of {format_value(table['name'])}"
         return outside, "[x, y] are fractions of the square around it, with [0.5, 0.5] its middle"

@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
+from engine.arithmetic.elementary import power, square
 from engine.bodies.cylinder_modes import Shell, cylinder_modes
 from engine.bodies.distributed import ModeSet
 from engine.bodies.initial_shape import Profile, Quadrature, peak_of_rectangle, rectangle_quadrature
@@ -35,11 +36,20 @@ class CylindricalShell(SheetBody):
         """Outward motion of the modes of two and more waves around (engine.bodies.cylinder_modes)."""
         shell = Shell(self.radius, self.length, self.thickness, self.young, self.poisson, self.density)
         omega, shape = shell_modes(shell, self.ends, self.modes or MAX_RITZ_MODES, max_omega)
-        beta = (self.density * self.thickness * omega**2 / shell.rigidity()) ** 0.25
+        beta = power(self.density * self.thickness * square(omega) / shell.rigidity(), 0.25)
         return ModeSet(omega, self.decay_rates(omega, beta), shape)
+
+    def extent(self) -> tuple[float, float]:
+        return 2 * math.pi * self.radius, self.length
+
+    def to_rim(self, at: Any) -> float:
+        return float(min(at[1], 1 - at[1])) * self.length
 
     def total_mass(self) -> float:
         return 2 * math.pi * self.radius * self.length * self.thickness * self.density
+
+    def bending_thickness(self) -> float:
+        return self.thickness
 
     def quadrature(self, modes: int, kinks: list[float]) -> Quadrature:
         return rectangle_quadrature((8, 8), self.total_mass())

@@ -6,6 +6,8 @@ from typing import Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
 
+from engine.arithmetic.elementary import square
+from engine.arithmetic.plain_numbers import whole_power
 from engine.bodies.decay import LossFactorDecay
 from engine.bodies.distributed import ModeSet
 from engine.bodies.plate_modes import PlateStiffness, Rib, rectangle_plate_modes
@@ -93,7 +95,7 @@ class Soundboard(FlatSheet):
 
     def stiffness(self) -> PlateStiffness:
         """Flexural rigidities of the board alone, N·m (Timoshenko & Woinowsky-Krieger, sec. 85)."""
-        wood, bend = WOODS[self.wood], self.thickness**3 / 12
+        wood, bend = WOODS[self.wood], whole_power(self.thickness, 3) / 12
         other = wood.poisson * wood.across / wood.along
         solid = bend / (1 - wood.poisson * other)
         return PlateStiffness(wood.along * solid, wood.across * solid, other * wood.along * solid, wood.shear * bend)
@@ -117,15 +119,17 @@ class Soundboard(FlatSheet):
         strip = min(spacing, self.size[1 if along == "y" else 0] / 5)
         stretch, stretch_of_board = glued.along * cut.width * cut.height, modulus * strip * self.thickness
         apart = (cut.height + self.thickness) / 2
-        bending = glued.along * cut.width * cut.height**3 / 12 + apart**2 * stretch * stretch_of_board / (
-            stretch + stretch_of_board
-        )
+        alone = glued.along * cut.width * whole_power(cut.height, 3) / 12
+        bending = alone + square(apart) * stretch * stretch_of_board / (stretch + stretch_of_board)
         return Rib(along, at, bending, glued.density * cut.width * cut.height)
 
     def total_mass(self) -> float:
         a, b = self.size
         lengths = {"x": a, "y": b}
         return a * b * self.surface_density() + sum(beam.density * lengths[beam.along] for beam in self.beams())
+
+    def bending_thickness(self) -> float:
+        return self.thickness
 
     def sides(self) -> tuple[float, float] | None:
         return self.size[0], self.size[1]

@@ -5,6 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.arithmetic.elementary import square
+
 
 class Stretching(NamedTuple):
     """Energy of the stretch of a body, V = ¼·K·(Σ κ·q²)²; its tension rises by λ = K·Σ κ·q²."""
@@ -15,4 +17,4 @@ class Stretching(NamedTuple):
 
 def axial_stiffness(young: float, diameter: float) -> float:
     """Return the axial stiffness EA of a round core, N. young: Pa; diameter: m"""
-    return young * math.pi * diameter**2 / 4
+    return young * math.pi * square(diameter) / 4

@@ -55,6 +55,8 @@ def accuracy_command(args: argparse.Namespace) -> int:
         study = rendering.run_work_precision(scene, args.seconds, args)
         if has_sound:
             outputs = rendering.render_from_arguments(scene, args, study)
+            if outputs.is_interrupted:  # the page would lack what it is for
+                raise KeyboardInterrupt
             stats, companions = outputs.stats, outputs.write()
             print_messages(outputs.warnings)
         elif args.plot is not None:

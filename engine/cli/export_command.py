@@ -1,6 +1,7 @@
 """The command `export`: a patch that sounds without Python."""
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,6 +11,7 @@ from engine.cli.messages import CommandError, memory_errors_explained, print_res
 from engine.cli.option_checks import read_options, samplerate_of
 from engine.export.faults import CannotExport
 from engine.faults import Fault
+from engine.files import is_shipped
 from engine.output_files import error_reason, to_utf8_text, write_text
 
 if TYPE_CHECKING:
@@ -89,7 +91,7 @@ def _faults_of_page(args: argparse.Namespace) -> list[Fault]:
 def _export_page(args: argparse.Namespace, scene: "Scene") -> int:
     from engine.api.page import export_page
 
-    path, command = page_path(args), " ".join(["fdh", "export", *_words(args)])
+    path, command = page_path(args), shlex.join(["fdh", "export", *_words(args)])
     text = Path(args.patch).read_text("utf-8-sig")
     with memory_errors_explained("take a patch with fewer modes"):
         page = export_page(
@@ -110,7 +112,8 @@ def _words(args: argparse.Namespace) -> list[str]:
     given = {"-o": args.output, "--kernel": args.kernel, "--samplerate": args.samplerate, "--voices": args.voices}
     options = [(name, str(value)) for name, value in given.items() if value is not None]
     options += [("--slide", parameter) for parameter in args.slide]
-    return [Path(args.patch).name, *(word for option in options for word in option)]
+    patch = Path(args.patch)
+    return [patch.stem if is_shipped(patch) else patch.name, *(word for option in options for word in option)]
 
 
 # --- a library

@@ -1,13 +1,17 @@
 """Input while a patch is played: notes, moves of controllers, Open Sound Control."""
 
 import argparse
-from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 
+from engine.cli.notes import levels_of_file
 from engine.cli.option_checks import excerpt_of
+from engine.instrument.tables import drum_keys
 from engine.live import midi
 from engine.live.controls import Controls
-from engine.live.key_allocator import KeyAllocator
+from engine.live.level_player import LevelPlayer
+from engine.live.midi_files import is_midi_file, read_notes
+from engine.live.midi_port import MidiPort
 from engine.live.osc import OscServer, parse_address
 from engine.live.osc_commands import OscCommands
 from engine.live.player import Player
@@ -17,28 +21,39 @@ from engine.patch.scene import Scene
 class Inputs:
     """Notes of a file or a port, moves of controllers, and OSC, as a session polls them.
 
-    moves: called again and again beside the notes, which do not wait for the tables that they build
+    Controls and pitch wheels are followed beside the notes, which do not wait for the tables that they take.
     """
 
     def __init__(
         self,
-        notes: midi.Source | None,
+        notes: midi.MidiFilePlayer | MidiPort | None,
         osc: OscServer | None,
         commands: OscCommands,
-        moves: Sequence[Callable[[], None]],
+        controls: Controls,
+        levels: LevelPlayer | None = None,
     ) -> None:
-        self._notes, self._osc, self._commands, self._moves = notes, osc, commands, moves
+        self._notes, self._osc, self._commands, self._controls = notes, osc, commands, controls
+        self._levels = levels
         self._worker, self._made = ThreadPoolExecutor(1), Future[None]()
         self._made.set_result(None)
 
     @property
     def is_open(self) -> bool:
         """True if any input is open."""
-        return self._notes is not None or self._osc is not None
+        return self._notes is not None or self._osc is not None or self._levels is not None
 
     def use(self, scene: Scene, player: Player) -> None:
         """Act on another player, as that of an edited patch."""
         self._commands.use(scene, player)
+        if isinstance(self._notes, midi.MidiFilePlayer) and self._commands.keys is not None:
+            self._notes.use(self._commands.keys)
+        if self._levels is not None:
+            self._levels.use(player)
+
+    @property
+    def allocator(self) -> midi.Allocator | None:
+        """The allocator that plays the notes now."""
+        return self._commands.keys
 
     def take_notices(self) -> list[str]:
         """Return the lines to be shown that came since the last call."""
@@ -51,7 +66,9 @@ class Inputs:
 
     def poll(self) -> bool:
         """Tell what has come; returns whether all notes are over."""
-        over = self._notes is not None and self._notes()
+        over = self._notes is not None and self._notes.poll()
+        if self._levels is not None:
+            self._levels.poll()
         self._commands.poll()
         if self._made.done():
             self._made.result()  # raises what it raised
@@ -59,8 +76,9 @@ class Inputs:
         return over
 
     def _make_moves(self) -> None:
-        for move in self._moves:
-            move()
+        self._controls.poll()
+        if self._commands.keys is not None:
+            self._commands.keys.poll()
 
     def close(self) -> list[str]:
         """End it all; returns what there is to be said."""
@@ -71,10 +89,28 @@ class Inputs:
         return [*self._osc.remarks(), *self._commands.remarks()]
 
 
-def open_inputs(args: argparse.Namespace, allocator: midi.Allocator | None, controls: Controls) -> Inputs:
-    """Open the inputs that the options name. Raises MidiError, OscError."""
-    notes = midi.open_source(args.midi, allocator, controls, excerpt_of(args)) if args.midi else None
-    commands = OscCommands(controls, allocator)
+def open_inputs(
+    args: argparse.Namespace, allocator: midi.Allocator | None, controls: Controls, channels: int
+) -> Inputs:
+    """Open the inputs that the options name. channels: of the patch, before it was brought to those of the device.
+    Raises MidiError, OscError."""
+    commands, levels = OscCommands(controls, allocator), None
+    notes: midi.MidiFilePlayer | MidiPort | None = None
+    if args.midi and is_midi_file(args.midi):
+        notes = midi.open_file(args.midi, allocator, controls, excerpt_of(args))
+        levels = open_levels(args, controls, notes, channels)
+    elif args.midi:
+        notes = MidiPort(args.midi, lambda: commands.keys, controls, commands.notices.add)
     osc = None if args.osc is None else OscServer(parse_address(args.osc), commands.receive, commands.notices.add)
-    bends = [allocator.poll] if isinstance(allocator, KeyAllocator) else []
-    return Inputs(notes, osc, commands, [controls.poll, *bends])
+    return Inputs(notes, osc, commands, controls, levels)
+
+
+def open_levels(
+    args: argparse.Namespace, controls: Controls, notes: midi.MidiFilePlayer | None, channels: int
+) -> LevelPlayer:
+    """Open the volumes and pans of a file, for its notes or for the score that was made of it."""
+    if notes is not None:
+        return LevelPlayer(levels_of_file(notes.file), controls.player, midi.LEAD_IN, channels)
+    drums = drum_keys(controls.scene.instrument)
+    file = read_notes(Path(args.midi), controls.scene.midi, excerpt=excerpt_of(args), drums=drums)
+    return LevelPlayer(levels_of_file(file), controls.player, 0.0, channels)

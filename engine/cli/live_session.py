@@ -1,14 +1,14 @@
 """A session of live sound: a patch plays, with keys, a meter and a recording."""
 
 import argparse
-import json
 import math
 import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import numpy as np
 
 from engine.api.pilot import Pilot
 from engine.audio_formats import explain_unsupported_format
+from engine.cli.console_window import delayed_closing
 from engine.cli.live_inputs import open_inputs
 from engine.cli.messages import (
     CommandError,
@@ -27,7 +28,7 @@ from engine.cli.messages import (
     print_messages,
     print_result,
 )
-from engine.cli.notes import add_score
+from engine.cli.notes import add_score, describe_levels, levels_of_file
 from engine.cli.option_checks import excerpt_of, voice_count
 from engine.cli.progress import progress_feedback
 from engine.cli.terminal import meter_parts, read_keyboard, show_meter
@@ -38,12 +39,16 @@ from engine.live.audio_recording import NoRecording, Recording
 from engine.live.controls import Controls
 from engine.live.hot_reload import PatchWatcher
 from engine.live.key_allocator import live_scene
-from engine.live.meter import MeterReading
+from engine.live.log_file import LogFile
+from engine.live.meter import MeterReading, join_readings
+from engine.live.midi_files import is_midi_file
+from engine.live.motion_watch import MotionWatch
 from engine.live.osc import OscError
 from engine.live.player import MAX_LIVE_SUBSTEPS, Player
 from engine.offline.statistics import island_statistics
-from engine.output_files import absolute_path, error_reason, write_text
+from engine.output_files import error_reason
 from engine.patch.scene import Scene, load
+from engine.provenance import usable_cores
 from engine.report.console import explain_slowness
 
 POLL_INTERVAL = 0.004  # s, between two looks at notes …
@@ -54,6 +59,7 @@ QUICK_PILOT_SECONDS = 0.06  # … or an edit of it …
 MAX_PILOT_SECONDS = 30.0  # … and how much of it at most
 DRIVER_TIMEOUT = 2.0  # s, for the driver to end
 SOFTEST = 0.2  # of a hammer's own speed, for key 1; key 5 is as the patch has it
+MAX_SIGNALS = 9  # that are waited for
 ENDS = {"q": "quit", "n": "next"}
 
 
@@ -79,19 +85,23 @@ class PlayerFactory:
         if scene.instrument:
             scene, lines = add_score(scene, self.args)
         else:
-            lines = describe_midi_file(self.args.midi, midi.read_for(scene, self.args.midi, excerpt_of(self.args)))
+            file = midi.read_for(scene, self.args.midi, excerpt_of(self.args))
+            lines = describe_midi_file(self.args.midi, file) + describe_levels(self.args.midi, levels_of_file(file))
         print_messages(lines)
         return scene
 
     @property
     def is_played_live(self) -> bool:
-        """True if notes come from a MIDI port, or from OSC without a file."""
-        return not midi.is_file(self.args.midi) if self.args.midi else self.args.osc is not None
+        """True if notes come from a MIDI port, or from OSC without a file, or go on while the patch is edited."""
+        if not self.args.midi:
+            return self.args.osc is not None
+        return not is_midi_file(self.args.midi) or bool(self.args.watch)
 
     def make_player(self, scene: Scene, pilot_seconds: float = PILOT_SECONDS) -> Player:
         """A player at a good level. Raises MidiError, BuildError; CommandError if the scene is too slow."""
         args, seconds = self.args, self.args.seconds
-        many: dict[str, Any] = {"cores": args.cores or os.cpu_count() or 1, "kernel": args.kernel}
+        many: dict[str, Any] = {"cores": args.cores or usable_cores(), "kernel": args.kernel}
+        many["log"] = args.event_log is not None
         is_waiting = bool(scene.instrument) and self.is_played_live
         if is_waiting:
             many["waiting"] = True
@@ -143,19 +153,31 @@ class Session:
     def __init__(self, args: argparse.Namespace, scene: Scene) -> None:
         _, self.device, channels, device_rate = audio_device.find_output(args.device)
         factory = PlayerFactory(args, args.samplerate or device_rate, channels)
-        scene = factory.prepare(scene)
+        heard, scene = scene.channels, factory.prepare(scene)
         self.args, self.first, compiled = args, factory.make_player(scene), args.callback != "python"
         self.stream = audio_device.open_stream(self.first, args.device, args.block_size, args.latency, compiled)
-        self.allocator, self.controls = midi.make_allocator(self.first), Controls(scene, self.first)
-        self.inputs = open_inputs(args, self.allocator, self.controls)
-        making = Path(args.patch), scene, self.first, factory.make_quickly, factory.prepare, self.inputs.use
-        self.watch = PatchWatcher(*making) if args.watch else None
+        self.controls, self.over = Controls(scene, self.first), list[MeterReading]()  # of players that were left
+        self.motion = MotionWatch(self.first)
+        self.inputs = open_inputs(args, midi.make_allocator(self.first), self.controls, heard)
+        making = Path(args.patch), scene, self.first, factory.make_quickly, factory.prepare, self._follow
+        edited = self.controls.forget
+        self.watch = PatchWatcher(*making, edited=edited) if args.watch else None
         self.interval = POLL_INTERVAL if self.inputs.is_open else WATCH_INTERVAL if args.watch else IDLE_INTERVAL
 
     @property
     def player(self) -> Player:
         """The player that sounds now: the first, or that of an edited patch."""
         return self.first if self.watch is None else self.watch.player
+
+    def _follow(self, scene: Scene, player: Player) -> None:
+        """Go on with the player of an edited patch."""
+        self.over.append(self.controls.player.meter())
+        self.inputs.use(scene, player)
+        self.motion.follow(player)
+
+    def reading(self) -> MeterReading:
+        """The reading of the meter of the whole session."""
+        return join_readings(self.over, self.player.meter())
 
     def announce(self) -> None:
         """Print what plays, and where."""
@@ -164,18 +186,19 @@ class Session:
         text += f", OSC at port {self.inputs.osc_port}" if self.inputs.osc_port else ""
         print(text, file=sys.stderr if self.args.json else sys.stdout, flush=True)
 
-    def play(self) -> tuple[str, int]:
-        """Play to the end, and keep what is to be kept; returns how it ended, and the exit code."""
+    def play(self, interrupted: list[int]) -> tuple[str, int]:
+        """Play to the end, and keep what is to be kept; returns how it ended, and the exit code.
+
+        interrupted: the signals that came
+        """
         args = self.args
-        log = absolute_path(args.event_log) if args.event_log else None
-        with catch_signals() as interrupted:
-            with (
-                open_recording(args, self.first) as recording,
-                read_keyboard(bool(args.record or args.event_log or self.inputs.is_open)) as keys,
-                show_meter(args.block_size) as show,
-            ):
-                wish = self._run(recording.write, keys, show, interrupted)
-            write_log(self.first, log, recording)
+        with (
+            open_recording(args, self.first) as recording,
+            open_log(args, self.first, recording) as write_log,
+            read_keyboard(bool(args.record or args.event_log or self.inputs.is_open)) as keys,
+            show_meter(args.block_size) as show,
+        ):
+            wish = self._run(recording, write_log, keys, show, interrupted)
         code = report_end(wish, self.device, recording, interrupted)
         if wish == "vanished":
             audio_device.detach_portaudio()
@@ -184,18 +207,28 @@ class Session:
             os._exit(1)  # PortAudio would wait for a device that does not answer
         return wish, code
 
-    def _run(self, write: Any, keys: Any, show: Any, interrupted: list[int]) -> str:
-        """Start the stream; keys, notes, meter and recording while the driver plays; returns how it ended."""
+    def _run(
+        self,
+        recording: Recording | NoRecording,
+        write_log: Callable[[], None],
+        keys: Any,
+        show: Any,
+        interrupted: list[int],
+    ) -> str:
+        """Start the stream; keys, notes, meter, recording and log while the driver plays; returns how it ended."""
         wish, deadline, shown = "over", math.inf, -math.inf
         audio_device.start_stream(self.stream)
         while True:
             pressed = keys(self.interval)
+            self.motion.poll()
             if self.inputs.poll():
                 self.player.stop()
             if time.monotonic() - shown >= IDLE_INTERVAL:
                 shown = time.monotonic()
-                write(self.first.fetch_recording())
-                show(self.player)
+                self._keep(recording)
+                write_log()
+                self.first.let_go()
+                show(self.reading)
             print_messages(self.inputs.take_notices())
             if self.watch is not None:
                 print_messages(self.watch.poll())
@@ -207,17 +240,23 @@ class Session:
             for key in pressed:
                 handle_key(self.player, key)
             if not self.stream.active:
-                write(self.first.fetch_recording())
+                self._keep(recording)
                 return wish if self.first.driver_stopped else "vanished"
             if time.monotonic() > deadline:
                 return "vanished"
+
+    def _keep(self, recording: Recording | NoRecording) -> None:
+        """Write what was played, if it is recorded."""
+        if isinstance(recording, Recording):
+            recording.write(self.first.fetch_recording())
 
     def close(self) -> None:
         """Close the device and all inputs, and print what there is to say of what was played."""
         self.stream.close()
         print_messages([*self.controls.remarks(), *self.inputs.close()])
         background.compile_beside(self.player.memory.missing_kernels)
-        print_live_summary(self.player, self.args, self.allocator)
+        now = replace(self.reading(), lost=self.first.lost_frames)
+        print_live_summary(now, self.args, self.inputs.allocator, self.motion.warnings())
 
 
 def play_patch(args: argparse.Namespace, scene: Scene) -> int:
@@ -228,9 +267,10 @@ def play_patch(args: argparse.Namespace, scene: Scene) -> int:
         except (audio_device.DeviceError, midi_notes.MidiError, OscError) as error:
             raise CommandError(error) from error
         session.announce()
-        with background.postponed():
-            wish, code = session.play()
-        session.close()
+        with catch_signals() as interrupted:  # also while it ends
+            with background.postponed():
+                wish, code = session.play(interrupted)
+            session.close()
         if wish != "next" or code:
             return code
         path, scene = next_patch(Path(args.patch))
@@ -266,16 +306,44 @@ def catch_signals() -> Iterator[list[int]]:
     """A list that holds a signal once Ctrl-C was pressed, the program was told to end, or its terminal was closed:
     nothing is broken off half-way. What the program was started to ignore, as by nohup, it ignores."""
     signals: list[int] = []
-    numbers = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    names = "SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {n: signal.getsignal(n) for n in numbers}
     before = {n: how for n, how in before.items() if n == signal.SIGINT or how is not signal.SIG_IGN}
     for number in before:
-        signal.signal(number, lambda number, frame: signals.append(number))
+        signal.signal(number, lambda number, frame: note_signal(signals, number))
     try:
-        yield signals
+        with delayed_closing(lambda: note_signal(signals, getattr(signal, "SIGBREAK", signal.SIGTERM))):
+            yield signals
     finally:
-        for number, how in before.items():
-            signal.signal(number, how)
+        for number, how in before.items():  # who was told to end ends
+            signal.signal(number, signal.SIG_IGN if signals else how)
+
+
+def note_signal(signals: list[int], number: int) -> None:
+    """Note a signal; who sends many does not want to wait for the end."""
+    signals.append(number)
+    if len(signals) > MAX_SIGNALS:
+        os._exit(128 + number)
+
+
+@contextmanager
+def open_log(
+    args: argparse.Namespace, player: Player, recording: Recording | NoRecording
+) -> Iterator[Callable[[], None]]:
+    """Open the log of events, if --event-log names a file; a function writes what has happened to it. Failures become
+    lines of the recording."""
+    if not args.event_log:
+        yield lambda: None
+        return
+    log = LogFile(args.event_log, player)
+    try:
+        yield log.write
+    finally:
+        log.close()
+        if log.error is not None:
+            recording.is_complete = False
+            recording.lines.append(f"cannot write {log.target} ({error_reason(log.error)})")
 
 
 @contextmanager
@@ -297,12 +365,15 @@ def open_recording(args: argparse.Namespace, player: Player) -> Iterator[Recordi
         recording.close(played)
 
 
-def print_live_summary(player: Player, args: argparse.Namespace, allocator: midi.Allocator | None) -> None:
-    """Print the summary of a session. allocator: the one that gave notes to the player"""
-    now, played = player.meter(), allocator.played_notes() if allocator else {}
+def print_live_summary(
+    now: MeterReading, args: argparse.Namespace, allocator: midi.Allocator | None, warnings: list[str]
+) -> None:
+    """Print the summary of a session. now: its meter; allocator: the one that gave notes to the player"""
+    played = allocator.played_notes() if allocator else {}
     if allocator is not None:
         print_messages(describe_leftover([], allocator.ignored, allocator.stolen, allocator.refused))
-    values = {"patch": args.patch, "live": now.as_dict(), "notes": played}
+    print_messages(f"{args.patch}: {warning}" for warning in warnings)
+    values = {"patch": args.patch, "live": now.as_dict(), "notes": played, "warnings": warnings}
     print_result(args.json, values, lambda: print_live_text(now, played, args))
 
 
@@ -325,19 +396,6 @@ def print_live_text(now: MeterReading, played: dict[str, str], args: argparse.Na
     for target in (args.record, args.event_log):
         if target and target.exists():
             print(target)
-
-
-def write_log(player: Player, path: Path | None, recording: Recording | NoRecording) -> None:
-    """Write the log of events, if --event-log names a file; failures become lines of the recording."""
-    if path is None:
-        return
-    text = json.dumps(player.log())
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)  # it was there before
-        write_text(path, text)
-    except OSError as error:
-        recording.is_complete = False
-        recording.lines.append(f"cannot write {path} ({error_reason(error)})")
 
 
 def next_patch(path: Path) -> tuple[Path, Scene]:

@@ -12,6 +12,7 @@ from typing import Any
 from engine.cli import standard_streams
 from engine.cli.accuracy_command import add_accuracy_command
 from engine.cli.arguments import CommandParser, Parser
+from engine.cli.doctor_command import add_doctor_command
 from engine.cli.export_command import add_export_command
 from engine.cli.inspect_command import add_inspect_command
 from engine.cli.level_command import add_level_command
@@ -45,6 +46,7 @@ COMMAND_GROUPS = (
     add_level_command,
     add_patch_commands,
     add_machine_commands,
+    add_doctor_command,
 )
 DEFAULT = "render"  # what is done to a patch, where no command is given
 OF_THE_PROGRAM = ("-h", "--help", "--version")

@@ -152,7 +152,7 @@ def describe_midi_file(path: str, file: "MidiNotes", remedy: str = CHOOSE_PARTS)
     """
     from engine.live.midi_parts import list_parts
 
-    lines = []
+    lines = describe_mended_file(path, file.mended)
     if len(file.parts) > 1:
         lines.append(
             f"{path}: {len(file.parts)} parts are played on one instrument: {list_parts(file.parts)}; {remedy}"
@@ -164,6 +164,11 @@ def describe_midi_file(path: str, file: "MidiNotes", remedy: str = CHOOSE_PARTS)
         parts = list_parts(file.left_out)
         lines.append(f"{path}: {notes} notes were left out that are not drums: {parts}; {remedy}")
     return lines + describe_unknown_drums(file) + describe_leading_silence(path, file.begin)
+
+
+def describe_mended_file(path: str, mended: str) -> list[str]:
+    """Describe what of a broken MIDI file was skipped or clipped. mended: as of engine.live.midi_files.MidiNotes"""
+    return [f"{path} is broken, and was mended: {mended}"] if mended else []
 
 
 def describe_unknown_drums(file: "MidiNotes") -> list[str]:

@@ -10,12 +10,19 @@ from engine.cli.arguments import patch_file
 from engine.cli.messages import (
     CommandError,
     describe_leading_silence,
+    describe_mended_file,
     print_messages,
     print_result,
     read_patch,
 )
-from engine.cli.notes import PARTS_REMEDY, PlayedNotes, note_errors_explained, play_notes
-from engine.cli.option_checks import MIDI_CHANNELS, excerpt_of
+from engine.cli.notes import (
+    PARTS_REMEDY,
+    PlayedNotes,
+    levels_of_file,
+    note_errors_explained,
+    play_notes,
+)
+from engine.cli.option_checks import MIDI_CHANNELS, excerpt_of, samplerate_of
 from engine.cli.progress import progress_feedback
 from engine.faults import Fault
 from engine.output_files import SILENT_PEAK
@@ -23,6 +30,7 @@ from engine.output_files import SILENT_PEAK
 if TYPE_CHECKING:
     import numpy as np
 
+    from engine.live.channel_levels import ChannelLevels
     from engine.live.midi_parts import Excerpt, Part, PartKey
     from engine.patch.scene import Scene
 
@@ -105,20 +113,46 @@ def split_level(text: str) -> tuple[str, float]:
 
 def mix_command(scene: "Scene", assignments: list[Assignment], args: argparse.Namespace) -> int:
     """Render the parts of a MIDI file by several patches, and write their mix; returns the exit code."""
-    from engine.cli.rendering import write_sound
+    from engine.cli.rendering import describe_interruption, write_sound
     from engine.report.console import print_mix_summary
 
     with note_errors_explained():
         patches, excerpt = assign_parts(scene, assignments, args)
-        played = [one for mixed in patches if (one := play_parts(mixed, excerpt, args)) is not None]
+        patches = [one for mixed in patches for one in divide_by_level(mixed, excerpt, args)]
+        played, left_out = play_patches(patches, excerpt, args)
         if not played:
             raise CommandError("no patch has a note to play; give other channels, tracks or patches", 2)
-        stats = write_sound(args, mix_sounds(played))
+        stats = write_sound(args, mix_sounds(played, levels_of_mix(played), samplerate_of(args)))
+    is_interrupted = bool(left_out) or played[-1].notes.is_interrupted
+    if is_interrupted:
+        last, names = played[-1], [mixed.name for mixed in left_out]
+        rendered = last.notes.audio, samplerate_of(args), last.notes.seconds
+        print_messages([describe_interruption(*rendered, names, last.mixed.name)])
     reasons = [f"{one.mixed.name}: {reason}" for one in played for reason in one.notes.reasons]
-    stats |= {"trusted": not reasons, "reasons": reasons}
+    stats |= {"trusted": not reasons, "reasons": reasons, "interrupted": is_interrupted}
     stats["parts"] = [describe_part(one, stats["gain_db"] + 20 * math.log10(one.factor)) for one in played]
     print_result(args.json, stats, lambda: print_mix_summary(stats))
-    return 0
+    return 130 if is_interrupted else 0
+
+
+def play_patches(
+    patches: list[MixedPatch], excerpt: "Excerpt", args: argparse.Namespace
+) -> tuple[list[MixedSound], list[MixedPatch]]:
+    """Render what each patch plays, up to Ctrl-C. Returns their sounds, of which Ctrl-C makes the last one shorter; and
+    the patches of which it left nothing. Raises KeyboardInterrupt if that is all of them."""
+    played = list[MixedSound]()
+    for number, mixed in enumerate(patches):
+        try:
+            sound = play_parts(mixed, excerpt, args)
+        except KeyboardInterrupt:
+            if not played:
+                raise
+            return played, patches[number:]
+        if sound is not None:
+            played.append(sound)
+            if sound.notes.is_interrupted:
+                return played, patches[number + 1 :]
+    return played, []
 
 
 def describe_part(sound: MixedSound, gain: float) -> dict[str, Any]:
@@ -129,6 +163,7 @@ def describe_part(sound: MixedSound, gain: float) -> dict[str, Any]:
         "gain_db": gain,
         "real_time_factor": readings.real_time_factor,
         "kernel": readings.kernel,
+        "table_digest": readings.table_digest,
         "energy_error": sound.notes.energy_error,
         "parts": [{"track": track, "channel": channel} for track, channel in sorted(sound.mixed.parts)],
     }
@@ -144,7 +179,8 @@ def assign_parts(
     from engine.live.midi_notes import MidiError
     from engine.live.midi_parts import list_parts
 
-    _, parts = read_parts(Path(args.midi), scene.midi)
+    _, parts, mended = read_parts(Path(args.midi), scene.midi)
+    print_messages(describe_mended_file(args.midi, mended))
     excerpt = excerpt_of(args)
     patches = {(args.patch, 0.0): MixedPatch(args.patch, scene)}
     for assignment in assignments:
@@ -172,6 +208,24 @@ def assign_parts(
     return [mixed for mixed in patches.values() if mixed.parts], replace(excerpt, begin=begin)
 
 
+def divide_by_level(mixed: MixedPatch, excerpt: "Excerpt", args: argparse.Namespace) -> list[MixedPatch]:
+    """Divide what a patch plays by channels if these have different volumes or pans, which one sound cannot follow.
+    Raises MidiError."""
+    from engine.instrument.tables import drum_keys
+    from engine.live.midi_files import read_notes
+    from engine.live.midi_notes import NothingToPlay
+
+    scene, parts = mixed.scene, replace(excerpt, parts=frozenset(mixed.parts))
+    try:
+        file = read_notes(Path(args.midi), scene.midi, excerpt=parts, drums=drum_keys(scene.instrument))
+    except NothingToPlay:  # which is said when it is to be played
+        return [mixed]
+    if not levels_of_file(file).remark:
+        return [mixed]
+    channels = sorted({channel for _, channel in mixed.parts})
+    return [replace(mixed, parts={part for part in mixed.parts if part[1] == channel}) for channel in channels]
+
+
 def play_parts(mixed: MixedPatch, excerpt: "Excerpt", args: argparse.Namespace) -> MixedSound | None:
     """Render what a patch plays, and print what of it is not played; None if that is all. Raises MidiError, BuildError,
     MemoryError."""
@@ -179,7 +233,8 @@ def play_parts(mixed: MixedPatch, excerpt: "Excerpt", args: argparse.Namespace) 
 
     try:
         with progress_feedback(f"rendering {mixed.name}") as progress:
-            notes = play_notes(mixed.scene, replace(excerpt, parts=frozenset(mixed.parts)), args, progress)
+            parts = replace(excerpt, parts=frozenset(mixed.parts))
+            notes = play_notes(mixed.scene, parts, args, progress, channels=2)
     except NothingToPlay as error:
         print_messages([f"{mixed.name}: {error}"])
         return None
@@ -200,15 +255,25 @@ def mix_factor(audio: "np.ndarray", level: float, is_balanced: bool) -> float:
     return factor / peak if is_balanced and peak > SILENT_PEAK else factor
 
 
-def mix_sounds(played: list[MixedSound]) -> "np.ndarray":
-    """The sum of all sounds, the shorter ones followed by silence, [frames, channels]. A mono sound is on the first two
-    channels."""
+def levels_of_mix(played: list[MixedSound]) -> "list[ChannelLevels]":
+    """The volumes and pans of the sounds of a mix. A channel without a volume has that of General MIDI if another one
+    has a volume."""
+    from engine.live.channel_levels import DEFAULT_VOLUME, FULL, has_volume
+
+    default = DEFAULT_VOLUME if any(has_volume(one.notes.file.levels) for one in played) else FULL
+    return [levels_of_file(one.notes.file, default) for one in played]
+
+
+def mix_sounds(played: list[MixedSound], levels: "list[ChannelLevels]", samplerate: int) -> "np.ndarray":
+    """The sum of all sounds at their levels, the shorter ones followed by silence, [frames, channels]. A mono sound is
+    on the first two channels; there are two at least if one is panned."""
     import numpy as np
 
-    channels = max(one.notes.audio.shape[1] for one in played)
+    channels = max(*(one.notes.audio.shape[1] for one in played), 1 + any(each.pans for each in levels))
     mix = np.zeros((max(len(one.notes.audio) for one in played), channels))
-    for one in played:
-        audio = one.notes.audio
-        width = min(channels, 2) if audio.shape[1] == 1 else audio.shape[1]
-        mix[: len(audio), :width] += audio * one.factor
+    for one, each in zip(played, levels, strict=True):
+        audio = one.notes.audio * one.factor
+        if audio.shape[1] == 1:
+            audio = np.repeat(audio, min(channels, 2), axis=1)
+        mix[: len(audio), : audio.shape[1]] += each.apply(audio, samplerate)
     return mix

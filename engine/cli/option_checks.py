@@ -14,7 +14,7 @@ from engine.cli.arguments import ACCURACY_OPTIONS, VOICES
 from engine.compiler.kernel_name import read_kernel_name
 from engine.faults import Fault, PatchError
 from engine.files import is_folder
-from engine.output_files import absolute_path, is_writable_folder
+from engine.output_files import explain_unwritable, is_stream, is_writable_folder, resolve_links
 from engine.report.figures import PICTURE_ENDINGS, PLOT_STYLES
 from engine.wording import join_with_or
 
@@ -26,7 +26,6 @@ DEFAULT_SAMPLERATE = 44_100  # Hz, unless an option says otherwise
 MAX_VOICES = 64
 MIDI_CHANNELS = 16
 MAX_LATENCY = 10.0  # s
-MIDI_ENDINGS = (".mid", ".midi")
 
 # of a file to be written: what it is called, and the endings of its name
 FILE_KINDS = {
@@ -35,6 +34,7 @@ FILE_KINDS = {
     "--trace": ("trace", (".npz",)),
     "--event-log": ("log", (".json",)),
 }
+GROWING = ("--record", "--event-log")  # files that grow beside their names
 DEFAULT_ENDINGS = {"--report": ".html", "--plot": ".png"}  # of files that are called like the sound
 
 
@@ -154,9 +154,11 @@ def excerpt_of(args: argparse.Namespace) -> "Excerpt":
 
 def check_parts(args: argparse.Namespace) -> list[Fault]:
     """List the faults of the options that choose parts of a MIDI file."""
+    from engine.live.midi_files import is_midi_file
+
     faults = []
     for option, text in (("--channels", args.channels), ("--tracks", args.tracks)):
-        if text is not None and not (args.midi and Path(args.midi).suffix.lower() in MIDI_ENDINGS):
+        if text is not None and not (args.midi and is_midi_file(args.midi)):
             faults.append(Fault(option, "requires --midi with a file; give that too"))
         elif text is not None and not all(item.strip() for item in text.split(",")):
             faults.append(Fault(option, f'"{text}" is not a list; separate its items by commas, such as 1,2'))
@@ -180,7 +182,8 @@ def default_sound(args: argparse.Namespace) -> Path:
     """The name of a sound file that no option names: like the patch, in this folder; of a MIDI file, like the file and
     the patch."""
     options = vars(args)
-    tune = [Path(options["midi"]).stem] if options.get("midi") else []
+    midi = options.get("midi")
+    tune = [Path("midi" if midi == "-" else midi).stem] if midi else []
     return Path(f"{'_'.join([*tune, 'mix' if options.get('play') else Path(args.patch).stem])}.wav")
 
 
@@ -212,10 +215,15 @@ def check_path(option: str, paths: dict[str, Path]) -> list[Fault]:
         faults.append(Fault(option, f"no such folder: {path.parent}; make it, or write elsewhere"))
     elif is_folder(path):
         faults.append(Fault(option, f"{path} is a folder; give the name of a file, such as {path / 'sound.wav'}"))
-    elif not is_writable_folder(path.parent):
+    elif reason := explain_unwritable(path):
+        faults.append(Fault(option, f"{path} is {reason}; write elsewhere"))
+    elif is_stream(path):
+        if option in GROWING:
+            faults.append(Fault(option, f"{path} is a pipe or a device; give the name of a file, which can grow"))
+    elif not is_writable_folder(resolve_links(path).parent):
         where = "the folder you are in" if path.parent == Path() else path.parent
         faults.append(Fault(option, f"{where} cannot be written to; write elsewhere: {option} FOLDER/{path.name}"))
-    if sum(absolute_path(path) == absolute_path(other) for other in paths.values()) > 1:
+    if sum(resolve_links(path) == resolve_links(other) for other in paths.values()) > 1:
         faults.append(Fault(option, f"{path} would be written twice; give two different names"))
     return faults
 

@@ -24,6 +24,7 @@ TEMPLATES = SHIPPED_PATCHES / "templates"
 SCHEMA = SHIPPED_PATCHES / "patch.schema.json"
 FIRST_TEMPLATE = "hammer"
 LONGEST_PATH = 400  # characters of one in a message
+MUCH_LEFT_OUT = 0.25  # of what a body gives way at contacts within a sample: said
 
 
 def add_patch_commands(commands: "arguments.Commands") -> None:
@@ -75,6 +76,7 @@ def check_build(path: str, scene: "Scene") -> tuple[list[Fault], list[str]]:
     from engine.analysis.undamped import undamped_modes
     from engine.assembly import limits
     from engine.assembly.build import build
+    from engine.assembly.residual_modes import shares_left_out
     from engine.patch.note_scene import check_all_keys
     from engine.patch.reader import locate_faults
 
@@ -85,7 +87,20 @@ def check_build(path: str, scene: "Scene") -> tuple[list[Fault], list[str]]:
         check_all_keys(scene)
     except (BuildError, PatchError) as error:
         return locate_faults(path, error.faults), []
+    shares = shares_left_out(scene, built.layout.modal_bodies, rate)
     return [], [
+        *(
+            f"{to_one_line(body.name, LONGEST_PATH)} has residual modes at its contacts, in place of modes that are"
+            " left out"
+            for body, modal in zip(scene.body, built.layout.modal_bodies, strict=True)
+            if modal.residual
+        ),
+        *(
+            f"{to_one_line(name, LONGEST_PATH)} lacks {100 * share:.2g}% of what it gives way at its contacts within a"
+            " sample, as modes are left out; residual = true replaces it"
+            for name, share in shares.items()
+            if share >= MUCH_LEFT_OUT
+        ),
         *(
             f"{to_one_line(name, LONGEST_PATH)} never decays, because nothing damps {count} of its modes"
             for name, count in undamped_modes(built.layout).items()

@@ -96,9 +96,6 @@ def read_play_options(args: argparse.Namespace) -> list[Fault]:
         parse_address(args.osc or "0")
     except ValueError:
         faults.append(Fault("--osc", f'"{args.osc}" is not a port; give 1 to 65535, or HOST:PORT such as 0.0.0.0:9000'))
-    for option, text in (("--midi", args.midi), ("--event-log", args.event_log)):
-        if args.watch and text:
-            faults.append(Fault("--watch", f"cannot be combined with {option}; give one of them"))
     if args.voices is not None and not args.midi and args.osc is None:
         faults.append(Fault("--voices", "requires --midi or --osc; give one of them"))
     return faults + check_parts(args)

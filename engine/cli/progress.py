@@ -49,6 +49,7 @@ class Progress:
         self.phase = ""
         self.first: tuple[float, float] | None = None  # time and share at the first call
         self.end_expected: float | None = None  # time, if the last call said
+        self.says_rest = False  # some call said, so that the mean speed tells nothing
         self.is_announced = False  # how long it will take
         self.is_interrupted = False  # by Ctrl-C
         self.over = threading.Event()
@@ -66,6 +67,7 @@ class Progress:
             self.first = now, share
         self.share, self.phase = share, phase
         self.end_expected = None if left is None else now + left
+        self.says_rest |= left is not None
 
     def interrupt(self, number: int, frame: Any) -> None:
         """Handle Ctrl-C."""
@@ -103,7 +105,7 @@ class Progress:
         now = time.perf_counter()
         if self.end_expected is not None:
             return self.end_expected - now if self.end_expected > now else None
-        if self.first is None or self.share is None or self.share <= self.first[1]:
+        if self.says_rest or self.first is None or self.share is None or self.share <= self.first[1]:
             return None
         begin, share = self.first
         return (now - begin) * (1.0 - self.share) / (self.share - share)

@@ -1,6 +1,7 @@
 """The command `render`: a patch becomes a sound file, as it is or played by the notes of a MIDI file."""
 
 import argparse
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from engine.cli import arguments
@@ -14,7 +15,14 @@ from engine.cli.messages import (
     require_scene,
 )
 from engine.cli.mix_command import MixedPatch, mix_command, read_assignments
-from engine.cli.notes import PARTS_REMEDY, add_score, note_errors_explained, play_notes
+from engine.cli.notes import (
+    PARTS_REMEDY,
+    add_score_with_levels,
+    describe_levels,
+    levels_of_file,
+    note_errors_explained,
+    play_notes,
+)
 from engine.cli.option_checks import (
     check_kernel,
     check_parts,
@@ -32,6 +40,8 @@ from engine.output_files import check_audio_format
 from engine.wording import program_name
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from engine.patch.scene import Scene
 
 # what a render of notes takes no notice of
@@ -127,40 +137,48 @@ def check_level(scene: "Scene | None", others: list[MixedPatch], args: argparse.
     ]
 
 
-def scene_command(scene: "Scene", args: argparse.Namespace) -> int:
-    """Render a scene as its patch says it; returns the exit code."""
+def scene_command(
+    scene: "Scene", args: argparse.Namespace, levels: "Callable[[np.ndarray], np.ndarray] | None" = None
+) -> int:
+    """Render a scene as its patch says it; returns the exit code. levels: brings its sound to those of a MIDI file"""
     from engine.cli import rendering
     from engine.report.console import print_summary
 
     with memory_errors_explained("give fewer --seconds, or no --trace, --plot or --report"):
-        outputs = rendering.render_from_arguments(scene, args)
+        outputs = rendering.render_from_arguments(scene, args, levels=levels)
         companions = outputs.write()
     print_messages(outputs.warnings)
     print_result(args.json, outputs.stats, lambda: print_summary(outputs.stats, companions, args.verbose))
-    return 0
+    return 130 if outputs.is_interrupted else 0
 
 
 def instrument_command(scene: "Scene", args: argparse.Namespace) -> int:
     """Render an instrument that plays a MIDI file; returns the exit code."""
     with note_errors_explained(), progress_feedback("reading the notes"):
-        scene, lines = add_score(scene, args, PARTS_REMEDY)
+        scene, levels, lines = add_score_with_levels(scene, args)
     print_messages(lines)
-    return scene_command(scene, args)
+    return scene_command(scene, args, levels)
 
 
 def midi_command(scene: "Scene", args: argparse.Namespace) -> int:
     """Render the notes of a MIDI file; returns the exit code."""
-    from engine.cli.rendering import write_sound
+    from engine.cli.rendering import describe_interruption, write_sound
     from engine.report.console import print_notes_summary
 
     voices = voice_count(args)
     with note_errors_explained():
         with progress_feedback("rendering", f"{voices} voices of {describe_bodies(scene)}") as progress:
             notes = play_notes(scene, excerpt_of(args), args, progress)
-        stats = write_sound(args, notes.audio)
-    print_messages(describe_midi_file(args.midi, notes.file, PARTS_REMEDY) + notes.remarks)
+        levels = levels_of_file(notes.file)
+        stats = write_sound(args, levels.apply(notes.audio, samplerate_of(args)))
+    lines = describe_midi_file(args.midi, notes.file, PARTS_REMEDY) + describe_levels(args.midi, levels)
+    lines += notes.remarks
+    if notes.is_interrupted:
+        lines.append(describe_interruption(notes.audio, samplerate_of(args), notes.seconds, []))
+    print_messages(lines)
     stats |= {"live": notes.readings.as_dict(), "notes": notes.played}
-    stats |= {"trusted": not notes.reasons, "reasons": notes.reasons}
-    stats |= {name: notes.readings[name] for name in ("real_time_factor", "kernel")}
+    stats |= {"trusted": not notes.reasons, "reasons": notes.reasons, "warnings": notes.warnings}
+    stats["interrupted"] = notes.is_interrupted
+    stats |= {name: notes.readings[name] for name in ("real_time_factor", "kernel", "table_digest")}
     print_result(args.json, stats, lambda: print_notes_summary(stats, voices, args.verbose))
-    return 0
+    return 130 if notes.is_interrupted else 0

@@ -6,13 +6,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from engine.cli.messages import describe_bodies, print_messages, write_file
 from engine.cli.option_checks import samplerate_of
 from engine.cli.progress import Progress, progress_feedback
-from engine.faults import BuildError
+from engine.faults import BuildError, RenderInterrupted
 from engine.output_files import save_trace, to_utf8_text, write_text
+from engine.wording import join_with_or
 
 if TYPE_CHECKING:
     import numpy as np
@@ -24,10 +25,13 @@ if TYPE_CHECKING:
     from engine.api.sound_file import LevelledSound
     from engine.patch.scene import Scene
 
-ESTIMATED_PART = 0.05  # of a sound, whose error is estimated unasked
+R = TypeVar("R")
+ESTIMATED_PARTS = 0.05, 0.1, 0.2, 0.5, 1.0  # of a sound, whose error is estimated unasked: others than the first if
+# nothing touches in it, and contacts last only a few steps
 ESTIMATE_SHARE = 0.1  # of the time that a command has taken so far: what that may cost
-ROUNDING = 1e-13  # relative
+ROUNDING = 1e-11  # relative
 TARGETED_SHARE = 0.5  # of the error that is asked for
+LEAST_GAIN = 0.95  # of the error before: if it falls by less, it is one that more steps do not make smaller
 MAX_RENDERINGS = 4  # until the error is as small as it should be
 
 
@@ -37,6 +41,7 @@ class Outputs:
 
     stats: dict[str, Any]  # as `--json` prints them: of the rendering, and of the file
     warnings: list[str]
+    is_interrupted: bool
     files: dict[Path, Callable[[Path], object]]  # what writes each of them; the sound is the first
 
     def write(self) -> list[str]:
@@ -71,31 +76,67 @@ def write_sound(args: argparse.Namespace, audio: "np.ndarray") -> dict[str, Any]
 
 
 def render_scene(scene: "Scene", args: argparse.Namespace, progress: Progress, **settings: Any) -> "Rendering":
-    """Render a scene as the options say. settings: others of `engine.render`. Raises BuildError, MemoryError."""
+    """Render a scene as the options say. settings: others of `fdh.render`. Raises BuildError, MemoryError."""
     from engine.api.rendering import render
 
     settings = {"cores": args.cores, "progress": progress, "kernel": args.kernel} | args.accuracy | settings
     return render(scene, args.seconds, samplerate_of(args), **settings)
 
 
-def render_with_estimate(scene: "Scene", args: argparse.Namespace) -> "tuple[Rendering, ErrorEstimate | None]":
+def keep_interrupted(render: "Callable[[], R]") -> "tuple[R, bool]":
+    """Render; or, at Ctrl-C, take what is rendered by then. Returns it, and whether it was interrupted. Raises
+    KeyboardInterrupt if nothing is."""
+    try:
+        return render(), False
+    except RenderInterrupted as stop:
+        return stop.rendering, True
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """A rendering, or as much of it as Ctrl-C left."""
+
+    rendering: "Rendering"
+    estimate: "ErrorEstimate | None" = None
+    is_interrupted: bool = False
+
+
+def render_with_estimate(scene: "Scene", args: argparse.Namespace) -> Rendered:
     """Render a scene, and estimate its error; again with smaller errors in each sample, as long as the error is larger
-    than the options ask for."""
+    than the options ask for. Raises KeyboardInterrupt at Ctrl-C if nothing is rendered by then."""
+    whole: list[Rendered] = []
+    try:
+        return _render_with_estimate(scene, args, whole)
+    except KeyboardInterrupt as stop:
+        if whole:  # it was estimated, or rendered again
+            return Rendered(whole[-1].rendering, whole[-1].estimate, is_interrupted=True)
+        if not isinstance(stop, RenderInterrupted):
+            raise
+        return Rendered(stop.rendering, is_interrupted=True)
+
+
+def _render_with_estimate(scene: "Scene", args: argparse.Namespace, whole: list[Rendered]) -> Rendered:
+    """The same, with all renderings up to now in a list. Raises KeyboardInterrupt at Ctrl-C."""
     from engine.patch.accuracy import SMALLEST_ERROR
 
     trace = any(given is not None for given in (args.trace, args.plot, args.report))
     settings = {"trace": trace, "trace_shapes": bool(args.trace_shapes)} | order_for_target(scene, args)
+    before = math.inf, 0.0  # the last estimate, and its horizon
     for remaining in reversed(range(MAX_RENDERINGS)):
         with progress_feedback("rendering", describe_bodies(scene)) as progress:
             rendering = render_scene(scene, args, progress, **settings)
+        whole.append(Rendered(rendering))
         estimate = None if math.isclose(rendering.stats.peak, 0.0) else estimate_for(scene, rendering, args)
+        whole[-1] = Rendered(rendering, estimate)
         if args.target_error is None or estimate is None or remaining == 0 or estimate.horizon == 0.0:
             break
-        if estimate.motion <= args.target_error:
+        is_stuck = estimate.motion > LEAST_GAIN * before[0] and estimate.horizon <= before[1]
+        if estimate.motion <= args.target_error or is_stuck:
             break
+        before = estimate.motion, estimate.horizon
         smaller = rendering.stats.accuracy["max_error"] * TARGETED_SHARE * args.target_error / estimate.motion
         settings["max_error"] = max(SMALLEST_ERROR, smaller)
-    return rendering, estimate
+    return whole[-1]
 
 
 def order_for_target(scene: "Scene", args: argparse.Namespace) -> dict[str, int]:
@@ -123,31 +164,52 @@ def estimate_for(scene: "Scene", rendering: "Rendering", args: argparse.Namespac
     if args.error_estimate or args.target_error is not None:
         with progress_feedback("estimating the error") as progress:
             return estimate_error(scene, rendering, progress, **settings)
-    cost = stats.build_seconds + FINER_COST * ESTIMATED_PART * stats.seconds / stats.real_time_factor
-    if cost > ESTIMATE_SHARE * time.process_time():
-        return None
     settings["kernel"] = "general"  # a special one would have to be compiled
-    estimate = estimate_error(scene, rendering, seconds=ESTIMATED_PART * stats.seconds, **settings)
-    return estimate if estimate.motion > ROUNDING else None  # nothing touches before that
+    cost = 0.0
+    for part in ESTIMATED_PARTS:
+        cost += stats.build_seconds + FINER_COST * part * stats.seconds / stats.real_time_factor
+        if cost > ESTIMATE_SHARE * time.process_time():
+            return None
+        estimate = estimate_error(scene, rendering, seconds=part * stats.seconds, **settings)
+        if estimate.motion > ROUNDING:
+            return estimate
+        if not stats.brief_contacts:
+            return None
+    return None
 
 
 def render_from_arguments(
-    scene: "Scene", args: argparse.Namespace, comparison: "WorkPrecisionStudy | None" = None
+    scene: "Scene",
+    args: argparse.Namespace,
+    comparison: "WorkPrecisionStudy | None" = None,
+    levels: "Callable[[np.ndarray], np.ndarray] | None" = None,
 ) -> Outputs:
     """Render a scene, with all that the options ask for beside its sound. Raises BuildError, MemoryError.
 
     comparison: what accuracy costs, for the page
+    levels:     brings the sound of the file [frames, channels] to the volumes of a MIDI file
     """
     from engine.analysis.string_shape import string_shape
 
     text = "" if args.report is None else Path(args.patch).read_text("utf-8-sig")  # as it is rendered
-    rendering, estimate = render_with_estimate(scene, args)
+    rendered = render_with_estimate(scene, args)
+    rendering, estimate, is_interrupted = rendered.rendering, rendered.estimate, rendered.is_interrupted
     silence = rendering.silence
-    sound, written = bring_to_level(args, rendering.audio, silence is not None)
+    audio = rendering.audio if levels is None else levels(rendering.audio)
+    sound, written = bring_to_level(args, audio, silence is not None)
     stats = rendering.stats.as_dict() | written | {"silent": silence}
     stats |= {"error_estimate": estimate and estimate.as_dict(), "target_error": args.target_error}
+    stats |= {"interrupted": is_interrupted}
     warnings = [f"{args.patch}: silent; {silence}"] if silence else []
     warnings += [f"{args.patch}: {warning}" for warning in rendering.stats.warnings] + sound.warnings
+    files: dict[Path, Callable[[Path], object]] = {sound.file.path: lambda path: sound.write()}
+    if args.trace is not None:
+        files[args.trace] = lambda path: save_trace(path, rendering.trace or {})
+    if is_interrupted:
+        asked = scene.seconds if args.seconds is None else args.seconds
+        left_out = [option for option, given in (("--plot", args.plot), ("--report", args.report)) if given is not None]
+        said = describe_interruption(rendering.audio, rendering.samplerate, asked, left_out)
+        return Outputs(stats, [*warnings, said], is_interrupted, files)
     shape = None
     if (args.plot is not None and comparison is None) or args.report is not None:
         with progress_feedback("computing the shape of a string"):
@@ -162,9 +224,6 @@ def render_from_arguments(
         else:
             plot_rendering(rendering, title, path, shape, args.plot_style or "screen")
 
-    files: dict[Path, Callable[[Path], object]] = {sound.file.path: lambda path: sound.write()}
-    if args.trace is not None:
-        files[args.trace] = lambda path: save_trace(path, rendering.trace or {})
     if args.plot is not None:
         files[args.plot] = draw
     if args.report is not None:
@@ -174,7 +233,25 @@ def render_from_arguments(
         with progress_feedback("drawing the page"):
             shown = compose_page(title, text, rendering, sound.audio, stats, profile, comparison, shape)
         files[args.report] = lambda path: write_text(path, to_utf8_text(shown))
-    return Outputs(stats, warnings, files)
+    return Outputs(stats, warnings, is_interrupted, files)
+
+
+def describe_interruption(
+    audio: "np.ndarray", samplerate: int, asked: float, left_out: list[str], patch: str = ""
+) -> str:
+    """Say what is written of a rendering that was interrupted, and what is not.
+
+    audio:    what is rendered, [frames, channels]; asked: s, that were to be
+    left_out: what is missing beside it: options, or patches of a mix
+    patch:    of a mix, whose rendering it is; "" if there is no other
+    """
+    from engine.patch.frames import frame_count
+
+    is_whole = len(audio) >= frame_count(asked, samplerate)
+    part = "all" if is_whole else f"the first {len(audio) / samplerate:.3g} s"
+    of_patch = f" of {patch}" if patch else ""
+    without = f", without {join_with_or(left_out)}" if left_out else ""
+    return f"interrupted; wrote {part} of {asked:g} s{of_patch}{without}"
 
 
 def measure_profile(scene: "Scene", rendering: "Rendering") -> "Profile":

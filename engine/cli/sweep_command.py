@@ -3,7 +3,7 @@
 import argparse
 
 from engine.cli import arguments
-from engine.cli.messages import CommandError, print_result, read_patch, require_scene
+from engine.cli.messages import CommandError, print_messages, print_result, read_patch, require_scene
 from engine.cli.option_checks import read_options
 from engine.cli.progress import progress_feedback
 from engine.output_files import error_reason
@@ -45,6 +45,7 @@ def sweep_command(args: argparse.Namespace) -> int:
         plan, plan_faults = sweep_plan.plan_sweep(args, scene, {} if option_faults else vars(args))
         option_faults += plan_faults
     require_scene(scene, faults + option_faults)
+    print_messages(f"note: {line}" for line in plan.left_out)
     folder = sweep_plan.sweep_folder(args)
     try:
         with progress_feedback("rendering the sweep") as progress:

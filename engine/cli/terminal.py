@@ -71,10 +71,10 @@ def read_terminal(number: int) -> Iterator[Callable[[float], str]]:
 
 @contextmanager
 def show_meter(block: int) -> Iterator[Any]:
-    """A function that shows how a player is doing, on a terminal."""
+    """A function that shows the reading of a meter, which another one makes, on a terminal."""
     if not sys.stderr.isatty():
         with nullcontext():
-            yield lambda player: None
+            yield lambda read: None
         return
     from rich.console import Console
     from rich.live import Live
@@ -82,7 +82,7 @@ def show_meter(block: int) -> Iterator[Any]:
 
     with Live(Text(""), console=Console(stderr=True), transient=True, auto_refresh=False) as line:
         columns = min(MAX_COLUMNS, line.console.width)
-        yield lambda player: line.update(Text(format_meter(player.meter(), block, columns)), refresh=True)
+        yield lambda read: line.update(Text(format_meter(read(), block, columns)), refresh=True)
 
 
 def format_meter(now: "MeterReading", block: int, columns: int = MAX_COLUMNS) -> str:

@@ -17,6 +17,7 @@ from engine.compiler import cache_files
 VARIABLE = "FDH_BACKGROUND"  # of the environment: "off" lets nothing be compiled beside
 LOCK, COMPILING, PLAYING = "background.lock", "compiling", "playing"
 FORBIDDING = "CI", "PYTEST_CURRENT_TEST"  # variables of the environment
+LOCKED_BYTE = 1 << 20  # far behind the text, on Windows
 PRIORITY = 19  # the lowest, on POSIX
 _forbidden: list[bool] = []
 Request = tuple[str, str, tuple[Any, ...]]  # module, function, kinds
@@ -116,7 +117,9 @@ def _take_lock(purpose: str = "") -> int | None:
         if sys.platform == "win32":
             import msvcrt
 
+            os.lseek(lock, LOCKED_BYTE, os.SEEK_SET)  # no other process can read what is locked
             msvcrt.locking(lock, msvcrt.LK_NBLCK, 1)
+            os.lseek(lock, 0, os.SEEK_SET)
         else:
             import fcntl
 

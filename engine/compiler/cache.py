@@ -9,6 +9,7 @@ import hashlib
 import json
 import os
 import sys
+from contextlib import suppress
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -22,6 +23,14 @@ from engine.compiler.tricks import Trick, in_use, switched_off
 MARKS = "engine.compiler.decorators", "from numba", "import numba", "(IntEnum)"
 COMPILED = "kernel"  # a package of which all files count
 COMPILERS = "numba", "llvmlite"
+OF_MACHINE_CODE = (  # other settings of Numba that reach its code generator, by which a kernel may be 50 times slower
+    "NUMBA_OPT",
+    "NUMBA_LOOP_VECTORIZE",
+    "NUMBA_SLP_VECTORIZE",
+    "NUMBA_ENABLE_AVX",
+    "NUMBA_BOUNDSCHECK",
+    "NUMBA_DEBUGINFO",
+)
 IN_USE = in_use(Trick.KERNEL_FILES)
 
 
@@ -67,6 +76,9 @@ def processor() -> tuple[str, ...]:
     import llvmlite.binding as llvm
 
     settings = [os.environ.get(name, "") for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")]
+    settings += [f"{name}={os.environ[name]}" for name in OF_MACHINE_CODE if os.environ.get(name)]
+    with suppress(OSError):  # Numba reads this file, too
+        settings.append(Path(".numba_config.yaml").read_text("utf-8", "replace"))
     return sys.platform, llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten(), *settings
 
 

@@ -146,10 +146,20 @@ def _write(path: Path, content: bytes) -> None:
         with open(number, "wb") as file:
             file.write(hashlib.sha256(content).digest())
             file.write(content)
-        os.replace(part, path)
+        _replace(part, path, content)
     except BaseException:
         delete(Path(part))
         raise
+
+
+def _replace(part: str, path: Path, content: bytes) -> None:
+    """Rename a file; where another process has just kept the same, and Windows has it open, that one is as good."""
+    try:
+        os.replace(part, path)
+    except PermissionError:
+        if read(path) != content:
+            raise
+        delete(Path(part))
 
 
 def delete(path: Path) -> bool:

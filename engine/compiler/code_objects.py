@@ -78,8 +78,9 @@ def _address_of(name: str) -> int | None:
 
 @lru_cache
 def _libraries() -> tuple[Any, ...]:
-    if sys.platform == "win32":
-        return ctypes.cdll.msvcrt, ctypes.cdll.ucrtbase, ctypes.pythonapi
-    if sys.platform == "darwin":
+    if sys.platform == "win32":  # that of Python and Numba before the old one, whose pow has other last digits
+        return ctypes.cdll.ucrtbase, ctypes.cdll.msvcrt, ctypes.pythonapi
+    try:
+        return ctypes.CDLL(None), ctypes.CDLL("libm.so.6"), ctypes.pythonapi
+    except OSError:  # macOS, musl and BSD, where it is part of the C library, or has another name
         return ctypes.CDLL(None), ctypes.pythonapi
-    return ctypes.CDLL(None), ctypes.CDLL("libm.so.6"), ctypes.pythonapi

@@ -25,6 +25,7 @@ ONE = 0x3FF0000000000000  # the bits of 1.0
 FIRST = ONE - (75 << INTERVAL) - (1 << (INTERVAL - 1))  # where the first interval begins; 1.0 is amid the 75th
 LARGEST, SMALLEST = 709.7827128933841, -745.2  # whose exponentials are no more than the largest number, and not 0
 SERIES_LIMIT = 0.05  # below it, what a table leaves would have too few digits of e^x - 1
+SINE_SERIES = tuple((-1.0) ** n / math.factorial(2 * n + 1) for n in range(1, 13))  # of x³, x⁵, …
 TINY = 2.2250738585072014e-308  # below it, numbers have fewer digits
 
 
@@ -181,8 +182,32 @@ def expm1_of(x):
 @inline
 def rise(u):
     """Return (1 - cos πu)/2 for u from 0 to 1: a smooth rise from 0 to 1."""
-    x = 0.5 * math.pi * u
-    square, series = x * x, 1.0
-    for n in range(22, 0, -2):  # the series of sin x
-        series = 1.0 - series * square / (n * (n + 1.0))
-    return (x * series) * (x * series)
+    sine = sine_to_quarter(0.5 * math.pi * u)
+    return sine * sine
+
+
+@inline
+def rise_integral(u):
+    """Return the integral of `rise` from 0 to u, for u from 0 to 1: (u - sin(πu)/π)/2."""
+    return 0.5 * (u - sine_to_quarter(math.pi * min(u, 1.0 - u)) * (1.0 / math.pi))
+
+
+@inline
+def sine_of_turns(turns):
+    """Return sin 2π·turns for any number of turns."""
+    part = turns - math.floor(turns)
+    sign = 1.0
+    if part >= 0.5:
+        part, sign = part - 0.5, -1.0
+    return sign * sine_to_quarter(2.0 * math.pi * min(part, 0.5 - part))
+
+
+@inline
+def sine_to_quarter(x):
+    """Return sin x for x from 0 to π/2, by its series; every second term together, which a processor finds side by
+    side."""
+    square = x * x
+    fourth, even, odd = square * square, 0.0, 0.0
+    for n in range(len(SINE_SERIES) - 2, -1, -2):
+        even, odd = even * fourth + SINE_SERIES[n], odd * fourth + SINE_SERIES[n + 1]
+    return x + x * square * (even + square * odd)

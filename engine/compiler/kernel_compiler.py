@@ -10,10 +10,15 @@ from engine.compiler.code_objects import to_content
 from engine.compiler.decorators import kernel, prepared_to_compile
 from engine.compiler.kinds import FLOAT, INT, Kind, example_of
 from engine.compiler.struct_types import StructHandleType
+from engine.faults import BuildError, Fault
 
 
 def compile_kernel(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes:
-    """Compile a function for arguments of these kinds. Return the bytes that engine.compiler.code_objects loads."""
+    """Compile a function for arguments of these kinds. Return the bytes that engine.compiler.code_objects loads. Raises
+    BuildError if Numba's settings let it compile nothing."""
+    if numba.config.DISABLE_JIT:
+        where = "NUMBA_DISABLE_JIT is set, in the environment or in .numba_config.yaml"
+        raise BuildError(Fault("", f"{where}: kernels cannot be compiled; unset it"))
     dispatcher = kernel(getattr(importlib.import_module(module), function).py_func, from_python=False)
     signature = tuple(map(numba_type, kinds))
     with prepared_to_compile():

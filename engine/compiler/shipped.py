@@ -78,6 +78,18 @@ def _fitting_archive() -> Path | None:
     return None
 
 
+def explain_choice() -> str:
+    """Name the archive that fits this processor and the present sources, or say why none does."""
+    if (path := _fitting_archive()) is not None:
+        return path.name
+    machine = platform.machine().lower()
+    if sys.platform != "linux" or not any(machine in target.machines for target in TARGETS):
+        return f"no archive is shipped for {sys.platform} on {machine}"
+    if switched_off():
+        return "archives are not used while tricks of the compiler are switched off"
+    return "the shipped archives were made from other sources"
+
+
 def sources_of(path: Path) -> str | None:
     """The digest of the sources that an archive was made from; None if it cannot be read."""
     try:

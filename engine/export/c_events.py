@@ -10,7 +10,7 @@ from engine.live.event_rows import MAX_SCALE
 
 MAX_VELOCITY = 1e4  # m/s, of a hammer: that of engine.bodies.table.Velocity
 NO_GROUP = -1
-ROW = struct.Struct("<6q2d")  # numbers and values
+ROW = struct.Struct("<8q3d")  # numbers and values
 
 
 class EventTables:
@@ -25,7 +25,9 @@ class EventTables:
     def add_key(self, key: Key, groups: list[float]) -> None:
         """Add a key. groups: those of all keys, each once"""
         group = NO_GROUP if key.group is None else groups.index(key.group)
-        spans = [self._add(rows) for rows in (*key.on, key.off, key.damp[-1], key.lift, key.end)]
+        on, off = ([self._add(rows) for rows in each] for each in (key.on, key.off))
+        off = off if len(off) > 1 else off * len(on)
+        spans = [*on, *off, *(self._add(rows) for rows in (key.damp[-1], key.lift, key.steal))]
         self.keys += np.array([key.number, group, *(number for span in spans for number in span)], np.int64).tobytes()
 
     def add_pad(self, pad: Pad) -> None:
@@ -46,5 +48,5 @@ class EventTables:
         """Add rows; return where they begin, and how many they are."""
         begin = len(self.rows) // ROW.size
         for row in rows:
-            self.rows += ROW.pack(*map(int, row[:6]), *row[6:])
+            self.rows += ROW.pack(*map(int, [*row[:6], *row[9:]]), *row[6:9])
         return begin, len(rows)

@@ -31,18 +31,17 @@ from engine.export.row_recorder import (
     player_of_scene,
     sliders_of_player,
 )
-from engine.instrument.key_names import plain_note_name
+from engine.instrument.key_names import HIGHEST_KEY, plain_note_name
 from engine.kernel.data.enums import Balance
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
-from engine.live.audio_memory import QUEUE_SIZE, RENDERED_AT_ONCE
+from engine.live.audio_memory import RENDERED_AT_ONCE
 from engine.live.event_queue import event_capacity
-from engine.live.key_allocator import DEFAULT_POLYPHONY
 from engine.live.shared_memory import Slot
 from engine.output_files import atomic_write, write_text
 from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
-from engine.runtime.event_slots import EventSlot
+from engine.runtime.event_slots import VALUES_PER_EVENT, EventSlot
 from engine.runtime.jobs import Job
 
 SOURCES = ("fdh.h", "fdh.c", "main.c", "CMakeLists.txt")
@@ -181,10 +180,11 @@ def _numbers(scene: Scene) -> dict[str, int]:
     return {
         "PARTS": 1 if scene.instrument is None else 2,
         "CHANNELS": scene.channels,
-        "POLYPHONY": keyboard.get("polyphony") or DEFAULT_POLYPHONY,
+        "POLYPHONY": keyboard.get("polyphony") or HIGHEST_KEY + 1,
         "LEVELS": len(LEVELS),
         "BLOCK": RENDERED_AT_ONCE,
-        "QUEUE": QUEUE_SIZE,
+        "QUEUE": RowRecorder.queue_size,
+        "VALUES": VALUES_PER_EVENT,
         "EVENT": len(EventSlot),
         "START": int(EventSlot.START),
         "WRITE_INDEX": int(Slot.WRITE_INDEX),

@@ -5,6 +5,7 @@ The tables are computed at export, and their copies name places in the bytes of 
 
 import numpy as np
 
+from engine.assembly.event_table import EventRow
 from engine.assembly.table_changes import Exchange
 from engine.assembly.table_exchange import WORD_BYTES, Copies
 from engine.export.scene_bytes import SceneBytes
@@ -65,11 +66,12 @@ def add_queued_exchanges(laid_out: SceneBytes, shared: SharedMemory, exchanges: 
             at = queue + WORD_BYTES * len(EventSlot) * n
             laid_out.set_number(at + WORD_BYTES * EventSlot.LENGTH, count)
             laid_out.set_place(at + WORD_BYTES * EventSlot.TABLE, place)
+            laid_out.set_number(at + WORD_BYTES * EventSlot.TICKET, 0)
 
 
 def row_of_exchange(laid_out: SceneBytes, exchange: Exchange) -> list[float]:
-    """Add the tables of an exchange. Return its row: kind, island, islands from and to, start, copies, two values, and
-    the address of the copies."""
+    """Add the tables of an exchange. Return its row: the numbers of EventRow, with the copies as its length, and their
+    address."""
     islands = exchange.island, exchange.island + exchange.islands
     return row_of_copies(laid_out, islands, add_copies(laid_out, exchange.copies))
 
@@ -77,7 +79,7 @@ def row_of_exchange(laid_out: SceneBytes, exchange: Exchange) -> list[float]:
 def row_of_copies(laid_out: SceneBytes, islands: tuple[int, int], added: tuple[int, int]) -> list[float]:
     """Return the row of an exchange of tables of islands from and to. added: place and number of its copies"""
     place, count = added
-    return [EventKind.EXCHANGE_TABLES, 0, *islands, 0, count, 0.0, 0.0, laid_out.base + place]
+    return [*EventRow(EventKind.EXCHANGE_TABLES, 0, *islands, 0, count), laid_out.base + place]
 
 
 def writes_alike(one: Copies, other: Copies) -> bool:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from engine.assembly.event_table import EventRow
 from engine.assembly.table_changes import Exchange, NewValue
 from engine.export.exchange_bytes import row_of_exchange, writes_alike
 from engine.export.faults import CannotExport
@@ -9,9 +10,9 @@ from engine.export.row_recorder import RowRecorder
 from engine.export.scene_bytes import SceneBytes
 from engine.kernel.data.enums import EventKind
 
-ROW_NUMBERS = 8
-START = 4  # place of the first frame in a row
-VALUE = 6  # and of its first value
+ROW_NUMBERS = len(EventRow._fields)
+VALUE = EventRow._fields.index("value")
+OWN = [EventRow._fields.index(name) for name in ("start", "note", "is_release")]  # places in a row that the key knows
 
 
 def add_key_tables(laid_out: SceneBytes, player: RowRecorder, rows: Any) -> Any:
@@ -27,8 +28,7 @@ def add_key_tables(laid_out: SceneBytes, player: RowRecorder, rows: Any) -> Any:
             return node
         if len(node) != ROW_NUMBERS or node[0] != EventKind.EXCHANGE_TABLES:
             return [complete(inner) for inner in node]
-        row = made[int(node[VALUE])]
-        return [*row[:START], node[START], *row[START + 1 :]]
+        return [node[place] if place in OWN else number for place, number in enumerate(made[int(node[VALUE])])]
 
     return complete(rows) if made else rows
 

@@ -53,16 +53,16 @@ from engine.export.voice_keys import bodies_of_notes, controls_of_voices, lowest
 from engine.export.wasm_kernels import compile_module, general_module_of, read_module
 from engine.instrument.score import Score, read_score
 from engine.kernel.data.enums import Balance, EventKind, Sleep
-from engine.live.key_allocator import DEFAULT_POLYPHONY
 from engine.live.midi_notes import PEDALS
 from engine.live.shared_memory import Gauge, Slot
 from engine.patch.scene import Scene
-from engine.runtime.event_slots import EventSlot
+from engine.runtime.event_slots import VALUES_PER_EVENT, EventSlot
 
 BASE = 1 << 20  # address of the scene in the memory of the page; the stack and the kernels' constants lie below
 BLOCK = 128  # samples that a browser asks for at a time
 MEGABYTE = 1 << 20
 MAX_MEGABYTES = 400  # of a scene: browsers give pages some thousand
+MOST_EXCHANGES = RowRecorder.queue_size - 128  # of tables, by a score: they wait beside what is played
 PEDAL_NUMBERS: dict[str, Any] = {"pedals": PEDALS, "shares": SHARES, "pedal_down": PEDAL_DOWN}
 PAGE = "page"  # the folder of the template
 SCRIPTS = ("page.js", "keys.js", "voices.js", "controls.js", "start.js")  # of which the last begins
@@ -96,6 +96,9 @@ def make_page(
     else:
         find_player = player_of_scene if scene.instrument is None else player_of_keys
         player = find_player(scene, samplerate, kernel)
+    if (count := len(player.tables.exchanges)) > MOST_EXCHANGES:
+        message = f"the score changes parameters of bodies in {count} steps; a page has room for {MOST_EXCHANGES}"
+        raise CannotExport(f"{message}: give fewer changes, or shorter durations")
     paths = paths_of_sliders(player, slide)
     laid_out = lay_out_player(player.memory, pointer_bytes=4, base=BASE)
     add_queued_exchanges(laid_out, player.memory.shared, player.tables.exchanges)
@@ -120,7 +123,7 @@ def make_page(
         "samplerate": samplerate,
         "channels": player.channels,
         "gain": find_gain(),
-        "coarsest": player.memory.shared.lowest_quality,
+        "coarsest": len(player.memory.models) + len(player.state.sleep) - 2,
         "at": places_of_player(laid_out, player),
         "names": names_of_numbers(),
         "functions": {RENDER: RENDER_BLOCK, INSERT: INSERT_EVENT},
@@ -136,7 +139,8 @@ def places_of_player(laid_out: SceneBytes, player: RowRecorder) -> dict[str, int
     arrays |= {"sleep": state.sleep, "iterations": state.iteration_histogram, "force": state.contact_force}
     counts = {"queue": len(arrays["events"]), "islands": len(state.sleep), "contacts": state.contact_force.size}
     counts |= {"solves": state.iteration_histogram.shape[-1], "event": len(EventSlot), "rest": state.sleep.shape[1]}
-    counts |= {"table": EventSlot.TABLE}
+    counts |= {"table": EventSlot.TABLE, "note": EventSlot.NOTE, "release": EventSlot.IS_RELEASE}
+    counts |= {"values_per_event": VALUES_PER_EVENT}
     return {MEMORY: laid_out.address(MEMORY)} | {n: laid_out.address(a) for n, a in arrays.items()} | counts
 
 
@@ -165,7 +169,7 @@ def _controls(scene: Scene, player: RowRecorder, chosen: Container[str]) -> dict
         }
     keys = [key._asdict() for key in keys_of_player(player)]
     keyboard = scene.instrument["keyboard"]
-    polyphony = keyboard.get("polyphony") or DEFAULT_POLYPHONY
+    polyphony = keyboard.get("polyphony") or len(keys)
     score = score_of(scene, [key["number"] for key in keys])
     song = rows_of_score(player, score)
     return {

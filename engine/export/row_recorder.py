@@ -4,7 +4,7 @@ It scales their values, by velocity or by a slider, and computes nothing else.
 """
 
 import math
-from collections.abc import Container, Mapping
+from collections.abc import Container, Sequence
 from typing import Any, NamedTuple
 
 from engine.assembly.event_table import EventRow
@@ -12,17 +12,19 @@ from engine.assembly.table_changes import NewValue, TableChanges, count_steps
 from engine.export.faults import CannotExport
 from engine.instrument.held_keys import PEDAL_STEPS, SOSTENUTO_HALF, damper_share
 from engine.instrument.key_names import note_name
+from engine.instrument.key_sequencer import FULL_VELOCITY
 from engine.instrument.key_writer import KeyWriter
 from engine.instrument.score import Score
-from engine.instrument.score_events import FULL_VELOCITY
 from engine.kernel.data.enums import EventKind
 from engine.live.audio_memory import MAX_FRAMES
 from engine.live.controls import targets_of_all
+from engine.live.event_queue import RowSet
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import UNKNOWN_RELEASE, Note
-from engine.live.player import GLIDE_SECONDS, Player
+from engine.live.player import Player
 from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Slot
+from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import live_paths, value_at
 from engine.patch.live_ranges import live_range
 from engine.patch.scene import Scene
@@ -47,9 +49,12 @@ Rows = list[list[float]]
 class RowRecorder(Player):
     """A player that does not play: it keeps the rows of its events.
 
+    queue_size: events that a page or a library can have waiting
     exchanged: values whose tables keys exchange; the row of such an exchange has its number here in place of a value,
                until the tables are made (engine.export.key_tables)
     """
+
+    queue_size = 1024
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self._rows_kept: list[EventRow] = []
@@ -57,7 +62,7 @@ class RowRecorder(Player):
         super().__init__(*arguments, **options)
 
     def take_rows(self) -> Rows:
-        """Return the rows since the last call: kind, island, target begin and end, start, length, and two values."""
+        """Return the rows since the last call: the numbers of EventRow."""
         rows, self._rows_kept = self._rows_kept, []
         return [list(map(float, row)) for row in rows]
 
@@ -71,25 +76,33 @@ class RowRecorder(Player):
         """The pitches of its voices."""
         return self._tuning
 
-    def set(
-        self, parameter: str | Mapping[str, float], value: float = 0.0, seconds: float = GLIDE_SECONDS, frame: int = 0
-    ) -> None:
-        """Set a live parameter, as live sound does. Raises CannotExport for one whose tables would glide."""
-        new = None if isinstance(parameter, Mapping) else self._parameters.checked_value(parameter, value)
-        if new is None or new.path.is_glided:
-            super().set(parameter, value, seconds, frame)
-            return
-        if count_steps([new], seconds) > 1:
-            raise CannotExport(f"a key glides {parameter}, which cannot be exported; give it duration = 0")
-        if new not in self.exchanged:
-            self.exchanged.append(new)
-        self._rows_kept.append(EventRow(EventKind.EXCHANGE_TABLES, 0, 0, 0, frame, 0, self.exchanged.index(new)))
+    def _plan(self, values: list[NewValue], seconds: float, frame: int, note: int = 0) -> None:
+        """Keep the row of an exchange, whose tables are made later. Raises CannotExport if they would glide."""
+        for new in values:
+            if count_steps([new], seconds) > 1:
+                raise CannotExport(f"a key glides {new.parameter}, which cannot be exported; give it duration = 0")
+            if new not in self.exchanged:
+                self.exchanged.append(new)
+            value = self.exchanged.index(new)
+            self._rows_kept.append(EventRow(EventKind.EXCHANGE_TABLES, 0, 0, 0, frame, 0, value, note=note))
 
     def make_tables(self) -> None:
         """Leave the tables until all values are known."""
 
-    def _put(self, description: list[Any], rows: list[EventRow], frame: int) -> None:
-        self._rows_kept += [row._replace(start=frame + row.start) for row in rows]
+    def cancel(self, note: int, frame: int = 0) -> None:
+        """Forget the events of a note that have not begun before a frame: those that are kept, and those of a key that
+        is pressed in a page."""
+        self._rows_kept = [row for row in self._rows_kept if row.note != note or row.start < frame]
+        super().cancel(note, frame)
+
+    def play_sets(self, description: list[Any], sets: Sequence[RowSet], frame: int = 0) -> None:
+        """Keep the rows of sets of events."""
+        self._rows_kept += [row._replace(start=frame) for one in sets for row in one.rows]
+
+    def _put(
+        self, description: list[Any], rows: list[EventRow], frame: int, note: int = 0, is_release: bool = False
+    ) -> None:
+        self._rows_kept += [row._replace(start=frame + row.start, note=note, is_release=is_release) for row in rows]
 
 
 def player_of_scene(scene: Scene, samplerate: int, kernel: str, seconds: float | None = None) -> RowRecorder:
@@ -128,17 +141,12 @@ class Key(NamedTuple):
     name: str
     on: list[Rows]  # at each of LEVELS
     soft_on: list[Rows]  # … with the soft pedal down; empty if that changes nothing
-    off: Rows  # when it is let go …
-    soft_off: Rows  # … with the soft pedal down
+    off: list[Rows]  # when it is let go, at each of LEVELS at which it was pressed, or one for all …
+    soft_off: list[Rows]  # … with the soft pedal down
     damp: list[Rows]  # its dampers come down
     lift: Rows  # its dampers
     steal: Rows  # another key needs its place: it is damped, whatever the pedals say
     group: float | None  # keys of which one sounds at a time
-
-    @property
-    def end(self) -> Rows:
-        """Rows that end it while it is down, and no pedal is."""
-        return [*self.off, *self.steal, *self.damp[-1]]
 
 
 def keys_of_player(player: RowRecorder) -> list[Key]:
@@ -152,23 +160,24 @@ def keys_of_player(player: RowRecorder) -> list[Key]:
         return player.take_rows()
 
     def damp(number: int) -> Rows:
-        allocator.damp(number, RELEASE / FULL_VELOCITY, 0)
+        allocator.do(allocator.sequencer.damp(number, RELEASE / FULL_VELOCITY), 0)
         return player.take_rows()
 
     def lift(number: int) -> Rows:
-        allocator.lift(number, 0)
+        allocator.do(allocator.sequencer.lift(number), 0)
         return player.take_rows()
 
     def steal(number: int) -> Rows:
-        allocator.end(number, 0)
+        allocator.do(allocator.sequencer.end(number), 0)
         return player.take_rows()
 
-    def press(number: int) -> tuple[list[Rows], Rows]:
-        on, off = list[Rows](), Rows()
+    def press(number: int) -> tuple[list[Rows], list[Rows]]:
+        on, off = list[Rows](), list[Rows]()
         for level in LEVELS:
             on.append(play("on", number, level))
-            off = play("off", number, RELEASE)
-        return on, off[: len(off) - len(dampers[-1][number])]
+            rows = play("off", number, RELEASE)
+            off.append(rows[: len(rows) - len(dampers[-1][number])])
+        return on, off if any(rows != off[0] for rows in off) else off[:1]
 
     dampers = []
     for share in range(1, PEDAL_STEPS + 1):
@@ -190,15 +199,14 @@ def keys_of_player(player: RowRecorder) -> list[Key]:
 
 
 def rows_of_score(player: RowRecorder, score: Score) -> Rows:
-    """Return the notes and pedals of a score as rows with their frames, in order."""
-    allocator, rate = KeyAllocator(player), player.samplerate
-    moves = [(move.time, 0, Note(0.0, move.name, 0, round(127 * move.value))) for move in score.pedals]
-    for note in score.notes:
-        moves.append((note.time, 2, Note(0.0, "on", note.key, note.velocity)))
-        moves.append((note.end, 1, Note(0.0, "off", note.key, note.release)))
-    for time, _, move in sorted(moves, key=lambda one: one[:2]):
-        allocator.play(move, round(time * rate))
-    return sorted(player.take_rows(), key=lambda row: row[4])
+    """Return the notes and pedals of a score as rows with their frames, in order. Keys that a player does not have, as
+    they have no bodies of their own, are left out, as in live sound."""
+    allocator = KeyAllocator(player)
+    for message in score.messages():
+        if message.kind in ("on", "off") and message.key not in allocator.keys:
+            continue
+        allocator.do(allocator.sequencer.take(message), nearest_frame(message.time, player.samplerate))
+    return [row for row in sorted(player.take_rows(), key=lambda row: row[4]) if row[0] != EventKind.CANCEL]
 
 
 class Pad(NamedTuple):
@@ -274,6 +282,6 @@ def _slider(
     """Return a slider whose rows at two values are known: at `value`, and a step beyond."""
     step = _step(value, is_linear)
     slopes = [(b[6] - a[6]) / step for a, b in zip(low, high, strict=True)]
-    at_zero = [[*row[:6], row[6] - slope * value, row[7]] for row, slope in zip(low, slopes, strict=True)]
-    at_one = [[*row[:6], row[6] + slope, row[7]] for row, slope in zip(at_zero, slopes, strict=True)]
+    at_zero = [[*row[:6], row[6] - slope * value, *row[7:]] for row, slope in zip(low, slopes, strict=True)]
+    at_one = [[*row[:6], row[6] + slope, *row[7:]] for row, slope in zip(at_zero, slopes, strict=True)]
     return Slider(parameter, unit, value, *ends, not is_linear, at_zero, at_one)

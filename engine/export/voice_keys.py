@@ -84,6 +84,7 @@ def controls_of_voices(laid_out: SceneBytes, player: RowRecorder) -> dict[str, A
         "voices": [voice._asdict() for voice in voices],
         "levels": LEVELS,
         "steal_frames": nearest_frame(STEAL_DAMPER[1], player.samplerate),
+        "release_frames": nearest_frame(RELEASE_DAMPER[1], player.samplerate),
         "song": song,
     }
 

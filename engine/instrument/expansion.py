@@ -8,11 +8,12 @@ from pydantic import ValidationError
 
 from engine.bodies.table import make_fault
 from engine.instrument.key_names import describe_keys, note_name, parse_key, parse_keys
+from engine.instrument.key_sequencer import KeyEvent, KeySequencer, Table, waiting_forces
 from engine.instrument.key_writer import SECTIONS, KeyWriter, Origins
 from engine.instrument.score import Score, read_score
-from engine.instrument.score_events import score_events
 from engine.instrument.tables import InstrumentDocument
 
+LATEST_EVENT = 1e-6  # s before the end, at which nothing can begin
 TAIL_SECONDS = 3.0  # after the last note, if the patch does not say how long it sounds
 OWN_TABLES = ("keyboard", "key", "note", "pedal")  # of a document that is an instrument
 
@@ -56,9 +57,9 @@ def expand(document: dict[str, Any]) -> Expansion:
 def expand_for_score(document: dict[str, Any], score: Score) -> Expansion:
     """Write out an instrument for another score than that of its document, which may end before its other events."""
     seconds = document.get("seconds")
-    if seconds is not None:
-        events = [event for event in document.get("event") or [] if event.get("time", 0.0) < seconds]
-        document = document | {"event": events}
+    seconds = score.end + TAIL_SECONDS if seconds is None else seconds
+    events = [event for event in document.get("event") or [] if event.get("time", 0.0) < seconds]
+    document = document | {"seconds": seconds, "event": events}
     return expand_keys(document, keys_needed(document, score), score)
 
 
@@ -82,15 +83,46 @@ def expand_keys(document: dict[str, Any], keys: list[int], score: Score, is_live
     if plain.get("seconds") is None:
         plain["seconds"] = expansion.document["seconds"] = score.end + TAIL_SECONDS
     added: dict[str, list[Any]] = {name: list(document.get(name) or []) for name in ("event", "force")}
-    events, faults = score_events(writer, keys, score, plain["seconds"], is_live)
-    for event, origin, name in events:
-        section = "force" if "start" in event else "event"
-        target = added[section]
-        expansion.origins[section, len(target)] = (origin, name)
-        target.append(event)
+    known = len(writer.faults)
+    tables = {"force": [one for key in keys for one in waiting_forces(writer, key)] if is_live else []}
+    tables["event"] = score_events(writer, keys, Score() if is_live else score, plain["seconds"])
+    faults, writer.faults[known:] = writer.faults[known:], []
+    for section, written in tables.items():
+        for table, origin, name in written:
+            expansion.origins[section, len(added[section])] = (origin, name)
+            added[section].append(table)
     expansion.document |= {name: tables for name, tables in added.items() if tables}
     expansion.faults += faults
     return expansion
+
+
+def score_events(writer: KeyWriter, keys: list[int], score: Score, seconds: float) -> list[Table]:
+    """Return the events of a score, those of keys at rest with them. Nothing begins after `seconds`."""
+    sequencer, known = KeySequencer(writer, keys), set(keys)
+    events: list[Table | None] = []  # None: it was cancelled
+    of_notes: dict[int, list[int]] = {}  # places of events that may be cancelled, by their notes
+
+    def add(begin: float, event: KeyEvent) -> None:
+        later = event.table.get("time", 0.0)
+        time = begin + (later if isinstance(later, int | float) else 0.0)
+        if event.note:
+            of_notes.setdefault(event.note, []).append(len(events))
+        is_heard = time < seconds - LATEST_EVENT
+        events.append((event.table | {"time": time}, event.path, event.key) if is_heard else None)
+
+    for event in sequencer.rest():
+        add(0.0, event)
+    for message in score.messages():
+        if message.kind in ("on", "off") and message.key not in known:
+            continue
+        for one in sequencer.take(message):
+            if isinstance(one, KeyEvent):
+                add(message.time, one)
+                continue
+            for n in of_notes.pop(one.note, []):
+                table = events[n]
+                events[n] = table if table is not None and table[0]["time"] < message.time else None
+    return [event for event in events if event is not None]
 
 
 def _check_score(score: Score, keys: list[int]) -> Iterator[Any]:

@@ -14,6 +14,7 @@ from typing import Any
 
 from simpleeval import NameNotDefined, SimpleEval
 
+from engine.arithmetic.plain_numbers import cos, exp, log, log10, power, sin
 from engine.wording import to_one_line
 
 MAX_CHARACTERS = 500
@@ -29,7 +30,7 @@ class FormulaError(ValueError):
 
 def cents(x: float) -> float:
     """The ratio of frequencies that so many cents are."""
-    return float(2.0 ** (x / 1200.0))
+    return power(2.0, x / 1200.0)
 
 
 def pick(i: float, *values: float) -> float:
@@ -39,13 +40,23 @@ def pick(i: float, *values: float) -> float:
     return values[min(int(i), len(values)) - 1]
 
 
+def logarithm(x: float, base: float | None = None) -> float:
+    """The logarithm of x, natural if no base is given."""
+    return log(x) if base is None else log(x) / log(base)
+
+
 def round_number(x: float, digits: float = 0.0) -> float:
     """The nearest number with so many digits after the point; of two, the one whose last digit is even."""
     return round(x, int(digits))
 
 
 FUNCTIONS: dict[str, Callable[..., float]] = {
-    **{name: getattr(math, name) for name in ("exp", "log", "log10", "sqrt", "sin", "cos")},
+    "exp": exp,
+    "log": logarithm,
+    "log10": log10,
+    "sqrt": math.sqrt,
+    "sin": sin,
+    "cos": cos,
     "floor": lambda x: float(math.floor(x)),
     "ceil": lambda x: float(math.ceil(x)),
     "abs": abs,
@@ -62,7 +73,7 @@ OPERATORS: dict[type, Callable[..., float]] = {
     ast.Div: operator.truediv,
     ast.Mod: operator.mod,
     ast.FloorDiv: operator.floordiv,
-    ast.Pow: math.pow,
+    ast.Pow: power,
     ast.USub: operator.neg,
     ast.UAdd: operator.pos,
     ast.Not: lambda x: float(not x),

@@ -3,6 +3,8 @@
 import re
 from functools import lru_cache
 
+from engine.arithmetic.plain_numbers import power
+
 PITCH_CLASSES = ["C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B"]
 LOWEST_KEY, HIGHEST_KEY = 0, 127
 LOWEST_PIANO_KEY = 21  # A0, key 1 of a piano
@@ -23,7 +25,7 @@ def plain_note_name(key: int) -> str:
 
 def note_frequency(key: int, a4: float = 440.0) -> float:
     """Its frequency in equal temperament, Hz."""
-    return float(a4 * 2.0 ** ((key - 69) / 12))
+    return a4 * power(2.0, (key - 69) / 12)
 
 
 @lru_cache(1024)

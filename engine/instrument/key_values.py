@@ -1,12 +1,12 @@
 """Values that differ from key to key: formulas, and tables of values at some keys or for ranges of keys."""
 
-import math
 import re
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
+from engine.arithmetic.plain_numbers import exp, log
 from engine.bodies.table import KeyPath, is_number
 from engine.instrument.formula import FormulaError, evaluate, is_formula, parse
 from engine.instrument.key_names import RANGE_SEPARATOR, note_frequency, note_name, parse_key, parse_keys
@@ -107,7 +107,7 @@ def _interpolate(below: Any, above: Any, share: float, path: KeyPath, table: Any
     line."""
     if is_number(below) and is_number(above):
         if below > 0.0 and above > 0.0:
-            return math.exp((1 - share) * math.log(below) + share * math.log(above))
+            return exp((1 - share) * log(below) + share * log(above))
         return (1 - share) * below + share * above
     if isinstance(below, list) and isinstance(above, list) and len(below) == len(above):
         numbers = [*below, *above]

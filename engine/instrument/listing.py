@@ -3,8 +3,8 @@
 from typing import Any
 
 from engine.instrument.key_names import note_name
+from engine.instrument.key_sequencer import FULL_VELOCITY, events_of_key
 from engine.instrument.key_writer import SECTIONS, KeyWriter
-from engine.instrument.score_events import FULL_VELOCITY, events_of_key
 
 
 class KeyFault(ValueError):
@@ -28,7 +28,7 @@ def list_key(document: dict[str, Any], key: int, velocity: int) -> dict[str, Any
     listing: dict[str, Any] = {"key": note_name(key), "velocity": velocity, "values": writer.names(key) | note}
     listing |= {section: writer.sections[section] for section in SECTIONS}
     for name in ("on", "off", "damper"):
-        listing[name] = [event for event, _, _ in events_of_key(writer, name, key, note, 0.0)]
+        listing[name] = [event for event, _, _ in events_of_key(writer, name, key, note)]
     if writer.faults:
         raise KeyFault(writer.faults)
     return listing

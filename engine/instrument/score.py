@@ -1,12 +1,11 @@
 """The score of an instrument: notes, and how pedals are moved."""
 
-from bisect import bisect_right
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, NamedTuple
 
 from engine.instrument.key_names import parse_key
+from engine.instrument.key_sequencer import FULL_VELOCITY, Message
 from engine.instrument.tables import DEFAULT_VELOCITY, Note, Pedal
 
 
@@ -35,10 +34,11 @@ class PedalMove(NamedTuple):
 
 @dataclass(frozen=True)
 class Score:
-    """Notes and pedals, each in the order of their times."""
+    """Notes and pedals, each in the order of their times; or all messages in the order in which they come."""
 
     notes: tuple[PlayedNote, ...] = ()
     pedals: tuple[PedalMove, ...] = field(default=())
+    played: tuple[Message, ...] | None = None  # of a file; None: they follow from notes and pedals
 
     @property
     def end(self) -> float:
@@ -54,21 +54,18 @@ class Score:
         middle = min(keys, key=lambda k: (abs(k - 60), k))
         return replace(self, notes=(PlayedNote(0.0, middle, DEFAULT_VELOCITY, 2.0, 64),))
 
-    def pedal_at(self, name: str, time: float) -> float:
-        """Return the position of a pedal at a time, from 0 (up) to 1 (down)."""
-        times, values = self._moves_by_pedal.get(name, ([], []))
-        before = bisect_right(times, time)
-        return values[before - 1] if before else 0.0
-
-    @cached_property
-    def _moves_by_pedal(self) -> dict[str, tuple[list[float], list[float]]]:
-        """The times and values of the moves of each pedal."""
-        moves: dict[str, tuple[list[float], list[float]]] = {}
-        for time, name, value in self.pedals:
-            times, values = moves.setdefault(name, ([], []))
-            times.append(time)
-            values.append(value)
-        return moves
+    def messages(self) -> tuple[Message, ...]:
+        """Return the messages in the order in which they come. Of those of one time: the soft pedal acts on notes that
+        begin, keys are let go before others are pressed, and the other pedals act on the keys that are down then."""
+        if self.played is not None:
+            return self.played
+        ranked = [
+            (0 if move.name == "soft" else 3, Message(move.time, move.name, 0, move.value)) for move in self.pedals
+        ]
+        for n, note in enumerate(self.notes):
+            ranked.append((2, Message(note.time, "on", note.key, note.velocity / FULL_VELOCITY, n)))
+            ranked.append((1, Message(note.end, "off", note.key, note.release / FULL_VELOCITY, n)))
+        return tuple(message for _, message in sorted(ranked, key=lambda one: (one[1].time, one[0])))
 
 
 def make_score(notes: Iterable[PlayedNote], pedals: Iterable[PedalMove] = ()) -> Score:

@@ -73,7 +73,7 @@ class Keyboard(Table):
         description="whether the bodies of all keys are included, not only of played keys, if the score uses the pedal",
     )
     mono: str | None = Field(
-        default=None, description="name of a value; of keys with the same value, only one sounds at a time"
+        default=None, description="name of a value; of keys with the same value, only one is down at a time"
     )
     polyphony: int | None = Field(
         default=None,

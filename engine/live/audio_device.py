@@ -13,6 +13,7 @@ NO_PORTAUDIO = """the PortAudio library is not installed; rendering to a file do
   Fedora           dnf install portaudio
   macOS            brew install portaudio
   Windows          pip install --force-reinstall sounddevice, which brings it"""
+WASAPI = "Windows WASAPI"
 DEVICE_UNAVAILABLE, INVALID_SAMPLE_RATE, INVALID_CHANNELS = -9985, -9997, -9998  # error numbers of PortAudio
 
 
@@ -35,9 +36,20 @@ def output_devices() -> list[tuple[int, str, int, int]]:
     devices = []
     for number, device in enumerate(sounddevice.query_devices()):
         if device["max_output_channels"] > 0:
-            name = f"{device['name']}, {sounddevice.query_hostapis(device['hostapi'])['name']}"
+            name = full_name(sounddevice, device)
             devices.append((number, name, device["max_output_channels"], round(device["default_samplerate"])))
     return devices
+
+
+def full_name(sounddevice: Any, device: Any) -> str:
+    """The name of a device, and of the driver that plays it."""
+    return f"{device['name']}, {sounddevice.query_hostapis(device['hostapi'])['name']}"
+
+
+def converting_settings(sounddevice: Any, name: str) -> Any:
+    """Settings of a stream that let Windows convert its sample rate; None for other drivers than WASAPI, which takes
+    no rate but its own while it is shared with other programs. name: the full name of the device"""
+    return sounddevice.WasapiSettings(auto_convert=True) if name.endswith(f", {WASAPI}") else None
 
 
 def find_output(device: str | None) -> tuple[int, str, int, int]:
@@ -77,6 +89,8 @@ def open_stream(
         "dtype": "float32",
         "latency": latency,
     }
+    if settings := converting_settings(sounddevice, name):
+        options["extra_settings"] = settings
     player.leave_to_device()
     try:
         if not compiled:
@@ -116,6 +130,10 @@ def open_duplex_stream(player: Any, device: str | None, frames: int, latency: st
     options = {"samplerate": player.samplerate, "blocksize": frames, "latency": latency, "dtype": "float32"}
     player.leave_to_device()
     try:
+        heard = full_name(sounddevice, sounddevice.query_devices(kind="input"))
+        settings = converting_settings(sounddevice, heard), converting_settings(sounddevice, name)
+        if any(settings):
+            options["extra_settings"] = settings
         return sounddevice.Stream(device=(None, number), channels=(1, player.channels), callback=fill_block, **options)
     except (sounddevice.PortAudioError, ValueError) as error:
         raise DeviceError(f"{name} and the default input cannot be opened together ({error})") from error

@@ -20,10 +20,11 @@ from engine.runtime.kernel_choice import prepare
 
 FADE_SECONDS = 0.005
 RENDERED_AT_ONCE = 1024  # computed at once
-QUEUE_SIZE = 1024  # events
+QUEUE_SIZE = 16_384  # events: more than are told between two blocks, and than wait for their frames
+QUALITY_CHANGES_KEPT = 1024  # until Python reads them
 LOAD_COUNT = 8192  # blocks whose loads are kept
 RECORD_SECONDS = 20.0  # of what was played, until it is fetched
-LOAD_HIGH, LOAD_LOW = 0.8, 0.4  # of its deadline: a block above lowers the quality, one below is at ease
+LOAD_HIGH, LOAD_LOW = 0.8, 0.76  # of its deadline: a block above lowers the quality; a higher one is to stay below
 LIMITER_RELEASE = 0.1  # s, in which the limiter lets go
 MAX_FRAMES = 1 << 40  # that are played if a scene goes on and on
 
@@ -34,6 +35,7 @@ class AudioMemory:
     seconds: until it fades out; `math.inf`: until it is stopped
     gain:    factor on SI units
     kernel:  which is to run (engine.runtime.kernel_choice); `kernel` says which does
+    queue_size: events that the queue holds, and as many can wait for their frames
     models:  what is played, and coarser ones
     kinds:   of pointers to a model and to the state
     shared:  what compiled code finds at `address`
@@ -47,6 +49,7 @@ class AudioMemory:
         seconds: float,
         gain: float,
         kernel: str | None = None,
+        queue_size: int = QUEUE_SIZE,
     ) -> None:
         model, samplerate = built.model, round(built.model.samplerate)
         self.models, uses = [model, *coarser_models(built, accuracy)], [RENDER_USE, INSERT_USE]
@@ -59,12 +62,15 @@ class AudioMemory:
         self.shared = SharedMemory(
             counters=np.zeros(len(Slot), np.int64),
             gauges=np.zeros(len(Gauge)),
-            events=np.zeros((QUEUE_SIZE, len(EventSlot)), np.int64),
-            values=np.zeros((QUEUE_SIZE, VALUES_PER_EVENT)),
-            exchanges=np.zeros((QUEUE_SIZE, len(EventSlot)), np.int64),
-            order=np.zeros(len(EventSlot), np.int64),
+            events=np.zeros((queue_size, len(EventSlot)), np.int64),
+            values=np.zeros((queue_size, VALUES_PER_EVENT)),
+            waiting=np.zeros((queue_size, len(EventSlot)), np.int64),
+            waiting_values=np.zeros((queue_size, VALUES_PER_EVENT)),
+            order=np.arange(queue_size),
+            dropped=np.zeros(queue_size, np.int64),
+            single_event=np.zeros(len(EventSlot), np.int64),
             models=np.array([handle.address for handle in self.model_handles], np.int64),
-            quality_log=np.zeros((QUEUE_SIZE, 2), np.int64),
+            quality_log=np.zeros((QUALITY_CHANGES_KEPT, 2), np.int64),
             loads=np.zeros(LOAD_COUNT),
             record=np.zeros((nearest_frame(RECORD_SECONDS, samplerate), channels), np.float32),
             spare=np.zeros((RENDERED_AT_ONCE, channels), np.float32),
@@ -73,7 +79,6 @@ class AudioMemory:
             state=self.state_handle.address,
             insert_event=INSERT_EVENT.address(self.model_handles[0].kind, self.state_handle.kind, *INSERT_USE.others),
             samplerate=samplerate,
-            lowest_quality=len(self.model_handles) - 1 + model.islands.mode.size - 2,
             release=math.exp(-1.0 / (LIMITER_RELEASE * samplerate)),
         )
         counters, gauges, fade = self.shared.counters, self.shared.gauges, frame_count(FADE_SECONDS, samplerate)
@@ -83,11 +88,26 @@ class AudioMemory:
         self._handle = StructHandle(self.shared)
         self.address = self._handle.address
 
+    @property
+    def is_held(self) -> bool:
+        """True if what is played is in memory."""
+        return bool(self.models)
+
+    def let_go(self, keeps_record: bool) -> None:
+        """Free all but what the audio thread reads of a scene that is over: its counters, and of the first its
+        recording."""
+        kept = {"counters", *(("record", "spare", "audio") if keeps_record else ())}
+        arrays = {k: v for k, v in self.shared._asdict().items() if isinstance(v, np.ndarray) and k not in kept}
+        self.shared = SharedMemory(**(self.shared._asdict() | {k: v[:0].copy() for k, v in arrays.items()}))
+        self.models, self._handle.value = [], self.shared
+        del self.job_memory, self.model_handles, self.state_handle
+
 
 def coarser_models(built: BuildResult, accuracy: Accuracy) -> list[Model]:
     """Coarser models of the same kind, to step down to where blocks come near their deadline."""
     model, layout = built.model, built.layout
     if model.refinement is None or accuracy.precision == "float32":
         return []
-    tables = [build_refinement(layout, coarse, model.samplerate, accuracy) for coarse in accuracy.coarser()[1:]]
+    has_events, rate = model.events is not None, model.samplerate
+    tables = [build_refinement(layout, coarse, rate, has_events, accuracy) for coarse in accuracy.coarser()[1:]]
     return [model._replace(refinement=align_to_cache_lines(table)) for table in tables]

@@ -1,6 +1,6 @@
 """A recording of live sound: it grows beside its target, and takes its name at the end, whatever happens meanwhile."""
 
-import os
+import math
 import shutil
 import sys
 import tempfile
@@ -8,11 +8,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
+from engine.audio_formats import LARGE_FORMATS, MAX_BYTES, keep_header_written, open_sound_file, write_pieces
 from engine.output_files import (
-    absolute_path,
     atomic_write,
     error_reason,
+    replace_file,
+    resolve_links,
     resolve_subtype,
+    round_samples,
     soundfile_path,
     temporary_path,
     unused_path,
@@ -23,7 +26,6 @@ if TYPE_CHECKING:
     import numpy as np
 
 FINAL_HEADER_FORMATS = ("FLAC", "OGG", "MP3")  # these cannot have their header written anew while they grow
-UPDATE_HEADER = 0x1061  # SFC_SET_UPDATE_HEADER_AUTO of libsndfile
 
 
 class RecordingFile:
@@ -32,6 +34,7 @@ class RecordingFile:
     def __init__(self, path: Path) -> None:
         self.file: BinaryIO = open(path, "w+b", buffering=0)  # noqa: SIM115
         self.error: OSError | None = None
+        self.size = 0  # bytes
         lock_file(self.file)
 
     def write(self, data: bytes) -> int:
@@ -42,6 +45,7 @@ class RecordingFile:
                 done += self.file.write(data[done:])
         except OSError as error:
             self.error = self.error or error
+        self.size = max(self.size, self.file.tell())
         return done
 
     def read(self, size: int) -> bytes:
@@ -89,30 +93,31 @@ class Recording:
     """
 
     def __init__(self, target: Path, samplerate: int, channels: int, subtype: str | None) -> None:
-        import soundfile
-
-        self.target, self.samplerate = absolute_path(target), samplerate
+        self.target, self.samplerate, self.subtype = resolve_links(target), samplerate, subtype
         self.temporary, self.lines, self.is_complete, self.frames = temporary_path(self.target), list[str](), True, 0
         kind = target.suffix.lstrip(".").upper()
         self.tape = RecordingFile(self.temporary)
         try:
-            self.file = soundfile.SoundFile(
-                self.tape, "w", samplerate, channels, resolve_subtype(target, subtype), format=kind
+            self.file = open_sound_file(
+                self.tape, samplerate, channels, resolve_subtype(target, subtype), kind, grows=True
             )
         except (RuntimeError, TypeError, ValueError) as error:
             self._drop()
             raise OSError(f"{target}: {error_reason(error)}") from error
-        if kind not in FINAL_HEADER_FORMATS:  # so that a file that is broken off is a good one
-            with suppress(AttributeError):
-                soundfile._snd.sf_command(self.file._file, UPDATE_HEADER, soundfile._ffi.NULL, 1)
+        self._most = math.inf if kind == "WAV" or kind in LARGE_FORMATS else MAX_BYTES
+        if kind not in FINAL_HEADER_FORMATS:
+            keep_header_written(self.file)
 
     def write(self, samples: "np.ndarray") -> None:
         """Write more samples [frames, channels]."""
         if not self.is_complete:
             return
         reason = ""
+        if self.tape.size + samples.nbytes > self._most:
+            self._break_off(f"{self.target.suffix.lstrip('.').upper()} files hold 4 GiB")
+            return
         try:
-            self.file.write(samples)
+            write_pieces(self.file, round_samples(samples, self.target, self.subtype))
         except (AssertionError, OSError, RuntimeError) as error:  # soundfile asserts that all was written
             reason = error_reason(error) or "it cannot be written"
         if reason or self.tape.error is not None:
@@ -151,7 +156,7 @@ class Recording:
 
     def _name(self) -> None:
         try:
-            os.replace(self.temporary, self.target)
+            replace_file(self.temporary, self.target)
         except (FileNotFoundError, NotADirectoryError):
             self._rescue()
         except OSError as error:

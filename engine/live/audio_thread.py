@@ -5,8 +5,9 @@ The same function plays for the driver, for tests and for a replay.
 
 import math
 
-from engine.compiler.decorators import inline, kernel
+from engine.compiler.decorators import INT64_0, inline, kernel
 from engine.compiler.intrinsics import (
+    atomic_exchange,
     call_address,
     float32_view,
     float64_view,
@@ -18,18 +19,24 @@ from engine.compiler.intrinsics import (
 from engine.compiler.struct_types import load_struct, load_struct_like
 from engine.kernel.data.enums import EventKind
 from engine.live.shared_memory import Gauge, Slot
-from engine.runtime.event_slots import EventSlot
+from engine.runtime.event_slots import DISPLACING, DROPPED, VALUES_PER_EVENT, EventSlot
 from engine.runtime.jobs import Job
 from engine.runtime.partitions import JOB_SLOTS, render_partitions
 from engine.runtime.tremolo import tremolo_gain
 
 EVENT_SLOTS = len(EventSlot)
+WORD_BYTES = 8
+GROUPED_BYTES = WORD_BYTES * (EVENT_SLOTS + VALUES_PER_EVENT)  # of a row of a group: integers, and then values
 COPY_BYTES = 24  # of a row of a table of copies: addresses to write to and to read from, and how many words
 UNSIGNED_LONG = 0xFFFFFFFF  # the bits of one that every system has
 OUTPUT_UNDERFLOW = 4  # flag of PortAudio: the driver ran dry before this block
 CONTINUE, COMPLETE = 0, 1  # answers to PortAudio
 MAX_ENVELOPE = 1e6  # of full scale: the largest level that the limiter follows
-EASE_SECONDS = 1.0  # after which quality rises again
+EASE_SECONDS = 1.0  # in which a higher quality would have fitted, after which it rises again
+HOLD_SECONDS = 0.03  # until islands that fade out cost nothing: before that, no other does
+MEAN_SECONDS = 0.1  # of the mean load
+FORGET_SECONDS = 20.0  # in which what a higher quality cost is forgotten
+TICKET_MADE, TICKET_WITHDRAWN = 1, 2  # of an exchange of tables; 0: neither
 
 
 @inline
@@ -40,27 +47,27 @@ def model_in_use(memory):
 
 @inline
 def insert_event(memory, event, values):
-    """Pass an event to the scene."""
+    """Pass an event to the scene. values: their address"""
     model, frame = model_in_use(memory), memory.counters[Slot.FRAME]
-    call_address(memory.insert_event, (model, memory.state, event.ctypes.data, values.ctypes.data, frame))
+    call_address(memory.insert_event, (model, memory.state, event.ctypes.data, values, frame))
 
 
 @inline
 def insert_order(memory, kind, island, number):
     """Pass an event of the audio thread itself to the scene: one without a time and values."""
-    order = memory.order
-    order[EventSlot.KIND], order[EventSlot.ISLAND], order[EventSlot.TARGET_BEGIN] = kind, island, number
-    insert_event(memory, order, memory.values[0])
+    row = memory.single_event
+    row[EventSlot.KIND], row[EventSlot.ISLAND], row[EventSlot.TARGET_BEGIN] = kind, island, number
+    insert_event(memory, row, memory.values.ctypes.data)
 
 
 @inline
 def set_quality(memory, level):
-    """Play at a quality level. Level 0 is the full quality; the next use coarser models, and then more and more of the
-    quietest islands sleep."""
-    last, level = memory.models.shape[0] - 1, max(0, min(level, memory.lowest_quality))
-    before, memory.counters[Slot.QUALITY] = memory.counters[Slot.QUALITY], level
-    if level != before:
-        insert_order(memory, EventKind.SLEEP_QUIETEST, 0, max(0, level - last))
+    """Play at a quality level. Level 0 is the full quality, the next use coarser models, and at each of those that
+    follow one more island fades out, the quietest that sounds. Return how many do."""
+    counters, last = memory.counters, memory.models.shape[0] - 1
+    before, counters[Slot.QUALITY] = counters[Slot.QUALITY], max(0, level)
+    insert_order(memory, EventKind.DROP_QUIETEST, 0, max(0, counters[Slot.QUALITY] - max(before, last)))
+    return memory.single_event[EventSlot.TARGET_BEGIN]
 
 
 @inline
@@ -82,80 +89,195 @@ def book_energy(memory, event, sign):
         insert_order(memory, EventKind.BOOK_ENERGY, n, sign)
 
 
+# --- quality: the load of each block says whether it is to be lower, or may be higher
+
+
 @inline
 def adapt_quality(memory, frames, share):
-    """Lower the quality by one level if a block came near its deadline; raise it again after a second of low load."""
-    counters, gauges = memory.counters, memory.gauges
+    """Lower the quality if a block came near its deadline: to the next model, or by an island. Raise it after a second
+    in which the next higher one would have fitted."""
+    counters, gauges, coarsest = memory.counters, memory.gauges, memory.models.shape[0] - 1
     level = counters[Slot.QUALITY]
-    counters[Slot.FRAMES_AT_EASE] = counters[Slot.FRAMES_AT_EASE] + frames if share < gauges[Gauge.LOAD_LOW] else 0
-    if share > gauges[Gauge.LOAD_HIGH] and level < memory.lowest_quality:
-        level += 1
-    elif counters[Slot.FRAMES_AT_EASE] > memory.samplerate * EASE_SECONDS and level > 0:
-        level -= 1
-    if level != counters[Slot.QUALITY]:
+    fits = load_of_better(memory, level, share) < gauges[Gauge.LOAD_LOW]
+    counters[Slot.FRAMES_AT_EASE] = counters[Slot.FRAMES_AT_EASE] + frames if fits else 0
+    is_late = share > gauges[Gauge.LOAD_HIGH]
+    holds = level >= coarsest and counters[Slot.FRAMES_AT_LEVEL] < HOLD_SECONDS * memory.samplerate
+    if is_late and not holds:
+        change_quality(memory, level + 1, share)
+    elif level > 0 and counters[Slot.FRAMES_AT_EASE] > EASE_SECONDS * memory.samplerate:
+        change_quality(memory, min(level - 1, coarsest), share)  # islands that faded out are silent anyway
+    counters[Slot.FRAMES_AT_LEVEL] += frames
+    weight = frames / min(counters[Slot.FRAMES_AT_LEVEL], MEAN_SECONDS * memory.samplerate)
+    gauges[Gauge.MEAN_LOAD] += min(weight, 1.0) * (share - gauges[Gauge.MEAN_LOAD])
+
+
+@inline
+def load_of_better(memory, level, share):
+    """Estimate the load at the next better level: by how much it was higher when that was left, which is forgotten in
+    time. share: the load at this level"""
+    counters, gauges = memory.counters, memory.gauges
+    if level >= memory.models.shape[0] or counters[Slot.LEVEL_BEFORE] != level - 1:
+        return share  # islands that are silent cost nothing when they may sound again
+    age = counters[Slot.FRAMES_AT_LEVEL] / (FORGET_SECONDS * memory.samplerate)
+    return share + max(0.0, gauges[Gauge.LOAD_BEFORE] - gauges[Gauge.MEAN_LOAD]) * max(0.0, 1.0 - age)
+
+
+@inline
+def change_quality(memory, level, share):
+    """Change to a level of quality, unless no island is left that could fade out; the change is logged. share: the load
+    of the block"""
+    counters, gauges, before = memory.counters, memory.gauges, memory.counters[Slot.QUALITY]
+    gauges[Gauge.LOAD_BEFORE] = gauges[Gauge.MEAN_LOAD] if counters[Slot.FRAMES_AT_LEVEL] > 0 else share
+    faded = set_quality(memory, level)
+    if level > before and level >= memory.models.shape[0] and faded == 0:
+        counters[Slot.QUALITY] = before
+    if counters[Slot.QUALITY] != before:
         change = counters[Slot.QUALITY_CHANGES] % memory.quality_log.shape[0]
-        memory.quality_log[change, 0], memory.quality_log[change, 1] = counters[Slot.FRAME], level
-        set_quality(memory, level)
-        counters[Slot.FRAMES_AT_EASE] = 0
+        memory.quality_log[change, 0], memory.quality_log[change, 1] = counters[Slot.FRAME], counters[Slot.QUALITY]
         store_release(counters, Slot.QUALITY_CHANGES, counters[Slot.QUALITY_CHANGES] + 1)
+        counters[Slot.LEVEL_BEFORE] = before
+    counters[Slot.FRAMES_AT_EASE] = counters[Slot.FRAMES_AT_LEVEL] = 0
+
+
+# --- events that wait for their frame
+#
+# `order` is a ring of all rows of `waiting`: those that wait, sorted by frame, and then the unused ones. Events of one
+# frame stay in the order in which they were told. An event goes to its island only for the block in which it begins:
+# until then it changes nothing, and may be cancelled.
 
 
 @inline
-def copy_event(events, source, target):
-    """Copy an event from one row to another."""
+def row_at(memory, n):
+    """Return the row of the n-th event that waits; behind the last, an unused one."""
+    order = memory.order
+    return order[(memory.counters[Slot.FIRST_WAITING] + n) % order.shape[0]]
+
+
+@inline
+def place_row(memory, n, row):
+    """Let a row be that of the n-th event that waits."""
+    order = memory.order
+    order[(memory.counters[Slot.FIRST_WAITING] + n) % order.shape[0]] = row
+
+
+@inline
+def keep_waiting(memory, slot):
+    """Let an event of the queue wait for its frame."""
+    counters, event, n = memory.counters, memory.events[slot], memory.counters[Slot.WAITING]
+    row = row_at(memory, n)
     for i in range(EVENT_SLOTS):
-        events[target, i] = events[source, i]
-
-
-@inline
-def postpone_exchange(memory, event):
-    """Let an exchange of tables wait for its frame, behind those of earlier frames and of the same."""
-    waiting, n = memory.exchanges, memory.counters[Slot.EXCHANGES_WAITING]
-    while n > 0 and waiting[n - 1, EventSlot.TAKEN_AT] > event[EventSlot.TAKEN_AT]:
-        copy_event(waiting, n - 1, n)
+        memory.waiting[row, i] = event[i]
+    for i in range(VALUES_PER_EVENT):
+        memory.waiting_values[row, i] = memory.values[slot, i]
+    start = max(event[EventSlot.START], counters[Slot.FRAME])
+    memory.waiting[row, EventSlot.START] = start
+    while n > 0 and memory.waiting[row_at(memory, n - 1), EventSlot.START] > start:
+        place_row(memory, n, row_at(memory, n - 1))
         n -= 1
-    for i in range(EVENT_SLOTS):
-        waiting[n, i] = event[i]
-    memory.counters[Slot.EXCHANGES_WAITING] += 1
+    place_row(memory, n, row)
+    counters[Slot.WAITING] += 1
 
 
 @inline
-def make_due_exchanges(memory):
-    """Make the exchanges of tables whose frame has come."""
-    waiting, counters, due = memory.exchanges, memory.counters, 0
-    while due < counters[Slot.EXCHANGES_WAITING] and waiting[due, EventSlot.TAKEN_AT] <= counters[Slot.FRAME]:
-        exchange_tables(memory, waiting[due])
-        due += 1
-    if due > 0:
-        counters[Slot.EXCHANGES_WAITING] -= due
-        for n in range(counters[Slot.EXCHANGES_WAITING]):
-            copy_event(waiting, n + due, n)
+def remove_waiting(memory, n):
+    """Forget the n-th event that waits."""
+    counters, row = memory.counters, row_at(memory, n)
+    for k in range(n, 0, -1):
+        place_row(memory, k, row_at(memory, k - 1))
+    place_row(memory, INT64_0, row)
+    counters[Slot.FIRST_WAITING] = (counters[Slot.FIRST_WAITING] + 1) % memory.order.shape[0]
+    counters[Slot.WAITING] -= 1
+
+
+@inline
+def cancel_note(memory, note, frame):
+    """Forget the events of a note that have not begun before a frame."""
+    for n in range(memory.counters[Slot.WAITING] - 1, -1, -1):
+        event = memory.waiting[row_at(memory, n)]
+        if event[EventSlot.NOTE] == note and event[EventSlot.START] >= frame:
+            remove_waiting(memory, n)
+    # removing moves what waits before it by one, so that the rest keeps its number
+
+
+@inline
+def record_drop(memory, index):
+    """Record that the event of an index in the queue was dropped after it was taken."""
+    counters, dropped = memory.counters, memory.dropped
+    dropped[counters[Slot.DROPPED] % dropped.shape[0]] = index
+    store_release(counters, Slot.DROPPED, counters[Slot.DROPPED] + 1)
 
 
 @inline
 def drain_queue(memory):
-    """Pass the queued events to the scene, and record the frame of each; exchanges of tables wait for their frame.
-    Return the number of frames that may be computed until the next exchange."""
-    counters, size = memory.counters, memory.events.shape[0]
-    while (
-        counters[Slot.READ_INDEX] != load_acquire(counters, Slot.WRITE_INDEX)
-        and counters[Slot.EXCHANGES_WAITING] < size
-    ):
+    """Take the queued events, and record the frame of each: what is to be done at a frame waits for it. While too many
+    wait, the rest stays in the queue."""
+    counters, size, most = memory.counters, memory.events.shape[0], memory.waiting.shape[0]
+    while counters[Slot.READ_INDEX] != load_acquire(counters, Slot.WRITE_INDEX) and counters[Slot.WAITING] < most:
         slot = counters[Slot.READ_INDEX] % size
-        event = memory.events[slot]
-        event[EventSlot.TAKEN_AT] = counters[Slot.FRAME]
+        event, frame = memory.events[slot], counters[Slot.FRAME]
+        event[EventSlot.INDEX], event[EventSlot.TAKEN_AT] = counters[Slot.READ_INDEX], frame
         if event[EventSlot.KIND] == EventKind.QUALITY:
             set_quality(memory, event[EventSlot.TARGET_BEGIN])
-        elif event[EventSlot.KIND] == EventKind.EXCHANGE_TABLES:
-            event[EventSlot.TAKEN_AT] = max(event[EventSlot.START], counters[Slot.FRAME])
-            postpone_exchange(memory, event)
+        elif event[EventSlot.KIND] == EventKind.CANCEL:
+            cancel_note(memory, event[EventSlot.NOTE], max(event[EventSlot.START], frame))
         else:
-            insert_event(memory, event, memory.values[slot])
+            if event[EventSlot.KIND] == EventKind.EXCHANGE_TABLES:
+                event[EventSlot.TAKEN_AT] = max(event[EventSlot.START], frame)
+            keep_waiting(memory, slot)
         store_release(counters, Slot.READ_INDEX, counters[Slot.READ_INDEX] + 1)
-    make_due_exchanges(memory)
-    if counters[Slot.EXCHANGES_WAITING] == 0:
-        return memory.audio.shape[0]
-    return memory.exchanges[0, EventSlot.TAKEN_AT] - counters[Slot.FRAME]
+
+
+@inline
+def make_exchange(memory, event):
+    """Make an exchange of tables, unless it was withdrawn."""
+    if event[EventSlot.TICKET] != 0:
+        if atomic_exchange(int64_view(event[EventSlot.TICKET], 1), 0, TICKET_MADE) == TICKET_WITHDRAWN:
+            return
+    exchange_tables(memory, event)
+
+
+@inline
+def begin_group(memory, group, frame):
+    """Pass the events of a group to their islands. None is dropped, as they are releases."""
+    one = memory.single_event
+    for i in range(group[EventSlot.LENGTH]):
+        address = group[EventSlot.TABLE] + GROUPED_BYTES * i
+        row = int64_view(address, EVENT_SLOTS)
+        for k in range(EVENT_SLOTS):
+            one[k] = row[k]
+        one[EventSlot.START], one[EventSlot.TAKEN_AT] = group[EventSlot.START], frame
+        insert_event(memory, one, address + WORD_BYTES * EVENT_SLOTS)
+        memory.counters[Slot.DISPLACED] += one[EventSlot.TAKEN_AT] == DISPLACING
+
+
+@inline
+def begin_events(memory, frames):
+    """Pass the events that begin within the next frames to their islands, and make the exchanges of tables that are due
+    now. Return for how many of these frames nothing else is to be done."""
+    counters = memory.counters
+    while counters[Slot.WAITING] > 0:
+        row, frame = row_at(memory, INT64_0), counters[Slot.FRAME]
+        event = memory.waiting[row]
+        ahead = event[EventSlot.START] - frame
+        if ahead >= frames:
+            return frames
+        if event[EventSlot.KIND] == EventKind.EXCHANGE_TABLES:
+            if ahead > 0:
+                return ahead
+            make_exchange(memory, event)
+        elif event[EventSlot.KIND] == EventKind.GROUP:
+            begin_group(memory, event, frame)
+        else:
+            event[EventSlot.TAKEN_AT] = frame
+            insert_event(memory, event, memory.waiting_values[row].ctypes.data)
+            if event[EventSlot.TAKEN_AT] == DROPPED and ahead > 0:
+                return ahead  # there may be room when it begins
+            if event[EventSlot.TAKEN_AT] == DROPPED:
+                record_drop(memory, event[EventSlot.INDEX])
+            elif event[EventSlot.TAKEN_AT] == DISPLACING:
+                counters[Slot.DISPLACED] += 1
+        remove_waiting(memory, INT64_0)
+    return frames
 
 
 @inline
@@ -235,10 +357,13 @@ def play_frames(top, output, frames):
     done, channels = 0, top.audio.shape[1]
     while done < frames:
         memory = memory_in_use(top)
-        count = min(frames - done, top.audio.shape[0], drain_queue(memory))
+        drain_queue(memory)
+        count = begin_events(memory, min(frames - done, top.audio.shape[0]))
         following = load_acquire(memory.counters, Slot.SUCCESSOR)
         if following != 0:
-            count = min(count, drain_queue(load_struct_like(memory, following)))
+            successor = load_struct_like(memory, following)
+            drain_queue(successor)
+            count = begin_events(successor, count)
         play_block(top, float32_view(output + 4 * done * channels, count * channels), count)
         done += count
 
@@ -254,11 +379,20 @@ def record_load(memory, frames, seconds):
     gauges[Gauge.MAX_LOAD] = max(gauges[Gauge.MAX_LOAD], share)
 
 
+@inline
+def take_load(memory, frames, seconds):
+    """Record the time of a block, and adapt the quality to it; not while one sound fades into another, as then two are
+    computed."""
+    record_load(memory, frames, seconds)
+    if load_acquire(memory.counters, Slot.SUCCESSOR) == 0:
+        adapt_quality(memory, frames, seconds * memory.samplerate / max(1, frames))
+
+
 @kernel
 def record_load_at(address, frames, seconds):
-    """Record the time of a block, as a share of its deadline, from a callback in Python. address: of the shared
-    memory"""
-    record_load(load_struct(address), frames, seconds)
+    """Record the time of a block, as a share of its deadline, from a callback in Python, and adapt the quality to it.
+    address: of the shared memory"""
+    take_load(load_struct(address), frames, seconds)
 
 
 @kernel
@@ -266,6 +400,21 @@ def publish_event(address):
     """Let the audio thread see an event that Python has written to the next row of the queue."""
     counters = load_struct(address).counters
     store_release(counters, Slot.WRITE_INDEX, counters[Slot.WRITE_INDEX] + 1)
+
+
+@kernel
+def withdraw_exchange(ticket):
+    """Withdraw an exchange of tables, unless it was made. ticket: the address of its ticket, behind which the number
+    that the ticket had is written"""
+    numbers = int64_view(ticket, 2)
+    numbers[1] = atomic_exchange(numbers, 0, TICKET_WITHDRAWN)
+
+
+@kernel
+def take_events(address):
+    """Take the queued events without playing anything: for the thread that renders, from Python. address: of the shared
+    memory"""
+    drain_queue(load_struct(address))
 
 
 @kernel
@@ -292,7 +441,5 @@ def portaudio_callback(source, output, frames, time, flags, address):
         return COMPLETE
     play_frames(top, output, count)
     spent = monotonic_seconds() - begin
-    record_load(memory, count, spent)
-    if load_acquire(memory.counters, Slot.SUCCESSOR) == 0:  # while one sound fades into another, two are computed
-        adapt_quality(memory, count, spent * memory.samplerate / max(1, count))
+    take_load(memory, count, spent)
     return CONTINUE

@@ -10,9 +10,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from engine.instrument.held_keys import ALL
 from engine.live.midi_notes import Move
 from engine.live.player import Player
 from engine.patch.control_rules import paths_of_keys
+from engine.patch.frames import frame_count
 from engine.patch.live_parameters import current_path
 from engine.patch.scene import Scene
 from engine.wording import to_one_line
@@ -23,36 +25,62 @@ MAX_UNKNOWN, MAX_ADDRESS_CHARACTERS = 100, 60  # addresses that are counted; and
 CLOSE = 1e-4  # of the way: what is nearer has arrived
 
 Targets = Callable[[Player, str], list[str]]  # the live parameters of a player that a path of the patch stands for
+Origin = tuple[int, int]  # of a move: its channel, and the key of a pressure of one key; 0 of all
+OSC_ORIGIN: Origin = (ALL, 0)
 
 
 @dataclass
 class Course:
-    """The progress of a control from its old value to its new one. Shares: 0 at the low end of its range, 1 at the
-    high."""
+    """The progress of a live parameter from its old value to the one that a control gives it. Shares: 0 at the low end
+    of the control's range, 1 at the high."""
 
     control: Any
-    paths: list[str]
+    path: str
     share: float
     target: float
+    origin: Origin  # of the last move
 
 
 class Controls:
-    """The controls of a patch, and a player that they act on. Moves may come from any thread; one calls `poll`."""
+    """The controls of a patch, and a player that they act on. Moves may come from any thread; one calls `poll`.
+
+    Where a file moves controls, it calls `advance`: its moves are known before their time.
+    """
 
     def __init__(self, scene: Scene, player: Player) -> None:
         self.refused: dict[str, str] = {}  # parameters that could not have a value, and why
         self.unknown: dict[str, int] = {}  # addresses that nothing belongs to, and how often they came
         self._lock = threading.Lock()
+        self._given: dict[str, tuple[float, float]] = {}  # values that parameters were given, and those of the patch
+        self._courses: dict[tuple[int, str], Course] = {}  # by control and live parameter
+        self._latest: dict[tuple[int, Origin], float] = {}  # move of each control on each channel, the last one last
+        self._is_ahead = False  # whether a file moves the controls of MIDI
+        self._direct: dict[str, float] = {}
         self.use(scene, player)
 
     def use(self, scene: Scene, player: Player) -> None:
-        """Act on another player, as that of an edited patch."""
+        """Act on another player, as that of an edited patch. It gets the values that the controls have given, but where
+        the edit gives another one."""
+        given, self._given = self._given, {}
         with self._lock:
+            before = list(self._courses.values())
             self.scene, self.player = scene, player
-            self._polled = player.frame / player.samplerate - CONTROL_STEP_SECONDS
-            self._courses: dict[tuple[int, tuple[str, ...]], Course] = {}
-            self._direct: dict[str, float] = {}
+            self._step_frames = frame_count(CONTROL_STEP_SECONDS, player.samplerate)
+            self._polled, self._advanced = player.frame - self._step_frames, -self._step_frames
+            self._courses = {}
+            self._direct = {path: value for path, value in self._direct.items() if path in player.live_paths}
             self._addresses = {"/" + path.replace(".", "/"): path for path in player.live_parameters}
+        for path, (value, of_patch) in given.items():
+            if path in player.live_paths and player.value(path) == of_patch:
+                self._set([path], value, 0.0)
+        for course in before:  # moves under way go on
+            if course.share != course.target and course.control in scene.control and course.path in player.live_paths:
+                self._aim(scene.control.index(course.control), [course.path], course.target, course.origin)
+
+    def forget(self, paths: Iterable[str]) -> None:
+        """Forget the values of some parameters, to which an edit of the patch gave others."""
+        for path in paths:
+            self._given.pop(path, None)
 
     def takes(self, move: Move) -> bool:
         """True if a move of a MIDI controller changes a parameter."""
@@ -63,12 +91,40 @@ class Controls:
         return any(control.kind == "osc" and control.address == address for control in self.scene.control)
 
     def move(self, move: Move, notes: Targets | None = None) -> None:
-        """Remember a move of MIDI. notes: the targets of the notes that a pressure is of, if it is not of all"""
+        """Remember a move of MIDI. notes: the targets of the notes that it is of, if it is not of all"""
+        origin = move.channel, move.number if move.kind == "poly_pressure" else 0
         for i, control in enumerate(self.scene.control):
             if takes_move(control, move):
+                self._latest.pop((i, origin), None)
+                self._latest[i, origin] = move.value
                 paths = (notes or targets_of_all)(self.player, control.parameter)
                 if paths or notes is None:  # a key that sounds nothing changes nothing
-                    self._aim(i, paths, move.value)
+                    self._aim(i, paths, move.value, origin)
+
+    def begin_note(self, notes: Targets, channels: tuple[int, ...], key: int, frame: int) -> None:
+        """Let a note begin with what the controllers of its channels say; where they have not moved, with the values of
+        the patch. What its channels have moved last goes on as it does.
+
+        notes: its targets; channels: that it follows; frame: at which it begins
+        """
+        for i, control in enumerate(self.scene.control):
+            if control.kind == "osc":
+                continue
+            mine = {(channel, number) for channel in channels for number in (0, key)}
+            moved = [(origin, share) for (n, origin), share in self._latest.items() if n == i and origin in mine]
+            for path in notes(self.player, control.parameter):
+                with self._lock:
+                    course = self._courses.get((i, path))
+                    if moved and (course is None or course.origin != moved[-1][0]):
+                        origin, share = moved[-1]
+                        self._courses[i, path] = Course(control, path, share, share, origin)
+                        value = value_of(control, share)
+                    elif not moved and course is not None:
+                        del self._courses[i, path]
+                        value = self._given[path][1] if path in self._given else self.player.value(path)
+                    else:
+                        continue
+                self._set([path], value, 0.0, frame)
 
     def knows(self, address: str) -> bool:
         """True if an OSC address is that of a control or of a live parameter."""
@@ -82,12 +138,19 @@ class Controls:
         for i, control in controls:
             low, high = control.input
             share = min(1.0, max(0.0, (value - low) / (high - low)))
-            self._aim(i, targets_of_all(self.player, control.parameter), share)
+            self._aim(i, targets_of_all(self.player, control.parameter), share, OSC_ORIGIN)
         if not controls and path is not None:
             with self._lock:
                 self._direct[path] = value
         elif not controls:
             self.count_unknown(address)
+
+    def set_at(self, address: str, value: float, frame: int) -> bool:
+        """Set the live parameter of an address at a frame; False if a control has this address, which has a course."""
+        if self.has_address(address) or address not in self._addresses:
+            return False
+        self._set([self._addresses[address]], value, CONTROL_STEP_SECONDS, frame)
+        return True
 
     def count_unknown(self, address: str) -> None:
         """Count a message to an address that nothing belongs to."""
@@ -98,39 +161,60 @@ class Controls:
 
     def poll(self) -> None:
         """Make the steps that are due."""
-        now = self.player.frame / self.player.samplerate
-        passed = min(MAX_STEP_SECONDS, now - self._polled)
-        if passed < CONTROL_STEP_SECONDS:
+        now = self.player.frame
+        if now - self._polled < self._step_frames:
             return
+        passed = min(MAX_STEP_SECONDS, (now - self._polled) / self.player.samplerate)
         self._polled = now
+        self._step(passed, 0, is_ahead=False)
         with self._lock:
             direct, self._direct = self._direct, {}
-            moving = [course for course in self._courses.values() if course.share != course.target]
-            for course in moving:
-                course.share = approach(course.share, course.target, passed, course.control.smoothing)
-        for course in moving:
-            self._set(course.paths, value_of(course.control, course.share), passed)
         for path, value in direct.items():
             self._set([path], value, passed)
         self.refused = self.player.refused | self.refused
 
-    def _aim(self, number: int, paths: list[str], target: float) -> None:
+    def advance(self, frame: int) -> None:
+        """Make the steps up to a frame that the moves of a file cause, each at its own frame."""
+        self._is_ahead = True
+        while self._advanced + self._step_frames <= frame:
+            self._advanced += self._step_frames
+            self._step(self._step_frames / self.player.samplerate, self._advanced, is_ahead=True)
+
+    def _step(self, seconds: float, frame: int, is_ahead: bool) -> None:
+        """Make a step of the controls that a file moves, or of the others."""
+        with self._lock:
+            moving = [
+                course
+                for course in self._courses.items()
+                if course[1].share != course[1].target
+                and (self._is_ahead and course[1].control.kind != "osc") == is_ahead
+            ]
+            for _, course in moving:
+                course.share = approach(course.share, course.target, seconds, course.control.smoothing)
+        for key, course in moving:
+            if self._courses.get(key) is course:  # no note of another channel has begun meanwhile
+                self._set([course.path], value_of(course.control, course.share), seconds, frame)
+
+    def _aim(self, number: int, paths: list[str], target: float, origin: Origin) -> None:
         if not paths:
             control = self.scene.control[number]
             self.refused.setdefault(control.parameter, "it cannot change while the patch plays")
             return
         with self._lock:
-            key = number, tuple(paths)
-            if key not in self._courses:
-                control = self.scene.control[number]
-                share = share_of(control, self.player.value(paths[0]))
-                self._courses[key] = Course(control, paths, share, target)
-            self._courses[key].target = target
+            for path in paths:
+                if (number, path) not in self._courses:
+                    control = self.scene.control[number]
+                    share = share_of(control, self.player.value(path))
+                    self._courses[number, path] = Course(control, path, share, target, origin)
+                course = self._courses[number, path]
+                course.target, course.origin = target, origin
 
-    def _set(self, paths: Iterable[str], value: float, seconds: float) -> None:
+    def _set(self, paths: Iterable[str], value: float, seconds: float, frame: int = 0) -> None:
         for path in paths:
             try:
-                self.player.set(path, value, seconds)
+                of_patch = self._given[path][1] if path in self._given else self.player.value(path)
+                self.player.set(path, value, seconds, frame)
+                self._given[path] = value, of_patch
             except (ValueError, KeyError) as error:
                 self.refused.setdefault(path, str(error))
 

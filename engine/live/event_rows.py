@@ -5,16 +5,26 @@ from functools import cached_property
 from typing import Any
 
 from engine.argument_checks import checked_number
-from engine.assembly.build import nominal_stiffness
+from engine.assembly.build import BuildResult, nominal_stiffness
 from engine.assembly.event_table import EventRow, event_rows
-from engine.assembly.layout import Layout
+from engine.assembly.external_forces import PluckPoint
+from engine.assembly.one_way_drive import DriveForce
 from engine.bodies import Mass, Oscillator
 from engine.kernel.data.enums import EventKind
 from engine.live.event_queue import make_event
 from engine.live.voices import striker_velocities
 from engine.patch.live_parameters import LivePath
 from engine.patch.scene import Scene
-from engine.patch.tables import ChangeEvent, DampEvent, LastingForce, PluckEvent, PluckForce, StrikeEvent
+from engine.patch.tables import (
+    ChangeEvent,
+    DampEvent,
+    Event,
+    LastingForce,
+    LiftEvent,
+    PluckEvent,
+    PluckForce,
+    StrikeEvent,
+)
 
 MUTE_SIGMA, MUTE_SECONDS = 40.0, 0.4  # decay rate, 1/s, and how long it damps
 MAX_SCALE = 1e6  # of a pluck
@@ -25,13 +35,16 @@ class EventRows:
 
     patch:  as it was given
     layout: of what is played: the patch, or so many voices of it
+    force_sizes: number of samples of the table of each external force
     input:  number of the force that stands for audio input, which nobody plucks; None without
     """
 
     input: int | None = None
 
-    def __init__(self, patch: Scene, layout: Layout, samplerate: int, voices: int) -> None:
-        self.patch, self.layout, self.samplerate, self.voices = patch, layout, samplerate, voices
+    def __init__(self, patch: Scene, built: BuildResult, samplerate: int, voices: int) -> None:
+        self.patch, self.layout, self.samplerate, self.voices = patch, built.layout, samplerate, voices
+        force = built.model.force
+        self.force_sizes = [] if force is None else (force.table_end - force.table_begin).tolist()
 
     # --- what there is
 
@@ -44,7 +57,7 @@ class EventRows:
     @property
     def plucked(self) -> list[str]:
         """Bodies that `pluck` can pluck; of all voices."""
-        return list(dict.fromkeys(force.body for _, force in self._brief_forces()))
+        return list(dict.fromkeys([*(force.body for _, force in self._brief_forces()), *self._scored_plucks]))
 
     @property
     def plucked_at_first(self) -> list[str]:
@@ -64,7 +77,11 @@ class EventRows:
     def _brief_forces(self) -> list[tuple[int, Any]]:
         """The forces that are over after a while, by their place in the model."""
         forces = enumerate(self.layout.islands.forces)
-        return [(j, force) for j, force in forces if not isinstance(force, LastingForce) and j != self.input]
+        return [
+            (j, force)
+            for j, force in forces
+            if not isinstance(force, LastingForce | PluckPoint | DriveForce) and j != self.input
+        ]
 
     # --- what is to be done; the arguments are those of Player
 
@@ -78,24 +95,41 @@ class EventRows:
         return [row._replace(kind=EventKind.LAUNCH_AND_LIFT) for row in self.of_event(event)]
 
     def pluck(self, body: str, scale: float, places: Sequence[int] | None = None) -> list[EventRow]:
-        """Pluck a body by its forces that are over after a while. places: of those that do, in their order; all if
-        None"""
+        """Let the forces of a body that are over after a while act again; or the first pluck of its score, if there is
+        no such force. places: of these forces, in their order; all if None"""
         if not 0.0 < checked_number("scale", scale) <= MAX_SCALE:
             raise ValueError(f"scale = {scale:g} is out of range; give more than 0, at most {MAX_SCALE:.0e}")
         self.body(body)
         chosen = [j for j, force in self._brief_forces() if force.body == body]
+        if not chosen and body in self._scored_plucks:
+            event = self._scored_plucks[body]
+            return self.of_event(event.model_copy(update={"time": 0.0, "amplitude": scale * event.amplitude}))
         if not chosen:
             raise KeyError(f"no force plucks {body}; the plucked bodies are {', '.join(self.plucked) or 'none'}")
-        island = self.layout.islands.of_body[self.layout.body_index[body]]
-        plucking = chosen if places is None else [chosen[place] for place in places]
-        return [EventRow(EventKind.PLUCK, island, j, j + 1, 0, 1, scale) for j in plucking]
+        return [self.force_again(j, scale) for j in (chosen if places is None else [chosen[n] for n in places])]
+
+    def force_again(self, number: int, scale: float, frames: int | None = None) -> EventRow:
+        """Let a force act again. number: of all external forces; frames: of its table that act, all if None"""
+        island, size = self._force_islands[number], self.force_sizes[number]
+        place, length = number - self._force_islands.index(island), max(1, size if frames is None else frames)
+        return EventRow(EventKind.FORCE_AGAIN, island, place, place + 1, 0, length, scale)
+
+    @cached_property
+    def _force_islands(self) -> list[int]:
+        """Island of each external force."""
+        of_body, index = self.layout.islands.of_body, self.layout.body_index
+        return [of_body[index[force.body]] for force in self.layout.islands.forces]
+
+    @cached_property
+    def _scored_plucks(self) -> dict[str, PluckEvent]:
+        """The first pluck of the score of each body."""
+        events = [event for event in self.layout.scene.event if isinstance(event, PluckEvent) and event.amplitude]
+        return {event.body: event for event in reversed(events)}
 
     def lift(self, body: str) -> list[EventRow]:
         """Lift the dampers of a body."""
         self.body(body)
-        number = self.layout.body_index[body]
-        modes, island = self.layout.modes.in_island[number], self.layout.islands.of_body[number]
-        return [EventRow(EventKind.LIFT, island, modes.start, modes.stop, 0, 1)]
+        return [row._replace(value=1.0) for row in self.of_event(make_event(LiftEvent, kind="lift", body=body))]
 
     def damp(self, body: str, sigma: float, seconds: float) -> list[EventRow]:
         """Damp a body for a while."""
@@ -107,7 +141,7 @@ class EventRows:
         keys = {path.section: path.name, str(path.keys[0]): value}
         return self.of_event(make_event(ChangeEvent, parameter, kind="change", duration=seconds, **keys))
 
-    def of_event(self, event: StrikeEvent | DampEvent | ChangeEvent | PluckEvent) -> list[EventRow]:
+    def of_event(self, event: Event) -> list[EventRow]:
         """Return an event as rows of the score."""
         return event_rows(self.layout, event, self._stiffness, self.samplerate)
 

@@ -1,7 +1,7 @@
 """A patch that is edited while it is played: values glide, a changed structure takes over, faults change nothing."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ class PatchWatcher:
     make:    builds a Player of a scene
     with_accuracy: gives a scene its accuracy
     follow:  called with each new scene and player
+    edited:  called with the live parameters to which an edit gave other values
     """
 
     def __init__(
@@ -45,8 +46,9 @@ class PatchWatcher:
         make: Any,
         with_accuracy: Any = lambda scene: scene,
         follow: Callable[[Scene, Player], None] = lambda scene, player: None,
+        edited: Callable[[Iterable[str]], None] = lambda paths: None,
     ) -> None:
-        self._follow = follow
+        self._follow, self._edited = follow, edited
         self.path, self.scene, self.player, self._make, self._with_accuracy = path, scene, player, make, with_accuracy
         self._seen = self._stamp()
         self._made: list[Any] = []
@@ -83,6 +85,7 @@ class PatchWatcher:
                 is_changed = not self.player.refused.keys() & parameters.keys()
             if is_changed:  # it takes no other tables than those that sound
                 self.scene = scene
+                self._edited(parameters)
                 return [f"{path} → {value:g}" for path, value in parameters.items()]
         self._thread = threading.Thread(target=self._prepare, args=(scene,), daemon=True)
         self._thread.start()

@@ -1,11 +1,14 @@
 """Notes of a MIDI file as the score of an instrument."""
 
 import math
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from engine.instrument.expansion import expand_for_score, keys_of
 from engine.instrument.key_names import note_name
+from engine.instrument.key_sequencer import FULL_VELOCITY, Message
 from engine.instrument.score import PedalMove, PlayedNote, Score, make_score
 from engine.instrument.tables import drum_keys
 from engine.live.key_bends import KeyBends, bend_events, bent_parameters
@@ -36,7 +39,7 @@ def scene_of_file(scene: Scene, path: Path, excerpt: Excerpt = ALL_NOTES) -> Pla
     notes, ignored = file.notes, file.ignored
     score, known = score_of_notes(notes, file.end), set(keys_of(document["keyboard"]))
     refused = sorted({note.key for note in score.notes} - known)
-    score = make_score([note for note in score.notes if note.key in known], score.pedals)
+    score = replace(score, notes=tuple(note for note in score.notes if note.key in known))
     if not score.notes:
         raise NothingToPlay(f"{path} has no note for any key of the instrument")
     if score.end > MAX_SECONDS:
@@ -66,26 +69,43 @@ def check_events(path: Path, events: list[dict[str, Any]], score: Score) -> None
 
 def score_of_notes(notes: list[Note], end: float | None = None) -> Score:
     """The notes and pedals of messages; a key that is never let go is held to the end, which is a second after the last
-    message if it is None. A key that is let go in one part of a file is held as long as it is down in another."""
+    message if it is None. A key is held until all parts of a file have let it go as often as they have pressed it."""
     if end is None:
         end = max((note.seconds for note in notes), default=0.0) + HELD_SECONDS
     begun: dict[tuple[int, int], Note] = {}
+    presses = Counter[tuple[int, int]]()  # how often a part has pressed a key that it holds
     played, moves = list[PlayedNote](), list[PedalMove]()
 
     def finish(key: tuple[int, int], seconds: float, release: float) -> None:
         note = begun.pop(key, None)
         if note is not None:
-            duration = max(1e-3, seconds - note.seconds)
-            played.append(PlayedNote(note.seconds, note.number, int(note.value), duration, int(release)))
+            played.append(PlayedNote(note.seconds, note.number, int(note.value), seconds - note.seconds, int(release)))
 
     for note in notes:
+        key = note.part, note.number
         if note.kind == "on":
-            finish((note.part, note.number), note.seconds, UNKNOWN_RELEASE)
-            begun[note.part, note.number] = note
+            finish(key, note.seconds, UNKNOWN_RELEASE)
+            begun[key] = note
+            presses[key] += 1
         elif note.kind == "off":
-            finish((note.part, note.number), note.seconds, note.value)
+            presses[key] = max(0, presses[key] - 1)
+            if not presses[key]:
+                finish(key, note.seconds, note.value)
+        elif note.kind == "silence":
+            for one in [one for one, on in begun.items() if note.channels.channel in on.channels.followed()]:
+                presses[one] = 0
+                finish(one, note.seconds, UNKNOWN_RELEASE)
         elif note.kind != "bend":
-            moves.append(PedalMove(note.seconds, note.kind, note.value / 127.0))
-    for key in list(begun):
-        finish(key, end, UNKNOWN_RELEASE)
-    return make_score(played, moves)
+            moves.append(PedalMove(note.seconds, note.kind, note.value / FULL_VELOCITY))
+    messages = [message_of_note(note) for note in notes if note.kind != "bend"]
+    for part, number in list(begun):
+        finish((part, number), end, UNKNOWN_RELEASE)
+        off = Message(end, "off", number, UNKNOWN_RELEASE / FULL_VELOCITY, part)
+        messages += [off] * presses[part, number]
+    return replace(make_score(played, moves), played=tuple(messages))
+
+
+def message_of_note(note: Note) -> Message:
+    """Return a message of MIDI as keys understand it."""
+    value, channels = note.value / FULL_VELOCITY, note.channels.followed()
+    return Message(note.seconds, note.kind, note.number, value, note.part, channels)

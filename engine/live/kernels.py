@@ -12,11 +12,15 @@ AUDIO_THREAD = "engine.live.audio_thread"
 MEMORY = pointer_kind(EMPTY)
 PUBLISH_EVENT = Kernel(AUDIO_THREAD, "publish_event")
 PLAY_INTO = Kernel(AUDIO_THREAD, "play_into")
+WITHDRAW_EXCHANGE = Kernel(AUDIO_THREAD, "withdraw_exchange")
+TAKE_EVENTS = Kernel(AUDIO_THREAD, "take_events")
 RECORD_LOAD = Kernel(AUDIO_THREAD, "record_load_at")
 PORTAUDIO_CALLBACK = Kernel(AUDIO_THREAD, "portaudio_callback")
 KINDS: dict[Kernel, tuple[Kind, ...]] = {
     PUBLISH_EVENT: (MEMORY,),
     PLAY_INTO: (MEMORY, INT, INT),
+    WITHDRAW_EXCHANGE: (INT,),
+    TAKE_EVENTS: (MEMORY,),
     RECORD_LOAD: (MEMORY, INT, FLOAT),
     PORTAUDIO_CALLBACK: (*[INT] * 5, MEMORY),
 }

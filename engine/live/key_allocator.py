@@ -1,29 +1,25 @@
-"""The keys of an instrument, played live: strikes, plucks, dampers and pedals of the bodies that each key has."""
+"""The keys of an instrument, played live: what its sequencer says is put into the queue of a player."""
 
-from collections import Counter, defaultdict
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, get_args
 
 from engine.instrument.expansion import expand_keys, keys_of
-from engine.instrument.held_keys import HeldKeys
+from engine.instrument.held_keys import ALL
 from engine.instrument.key_names import note_name, plain_note_name
+from engine.instrument.key_sequencer import FULL_VELOCITY, Cancel, KeyEvent, KeySequencer, Message
 from engine.instrument.key_writer import KeyWriter
 from engine.instrument.score import Score
-from engine.instrument.score_events import FULL_VELOCITY, events_of_key, waiting_forces
-from engine.live.controls import Targets, targets_of_all
+from engine.live.controls import Controls, Targets, targets_of_all
+from engine.live.event_queue import RowSet, make_event, make_row_set
 from engine.live.key_bends import KeyBends, bent_parameters
-from engine.live.midi_notes import UNKNOWN_RELEASE, Move, Note
+from engine.live.midi_notes import PEDALS, Move, Note
 from engine.live.player import Player
 from engine.patch.frames import nearest_frame
-from engine.patch.friction import CHANGED_KEYS as FRICTION_KEYS
 from engine.patch.scene import Scene
-from engine.patch.tables import MAX_SECONDS, LastingForce
+from engine.patch.tables import ChangeEvent, DampEvent, LiftEvent, PluckEvent, StrikeEvent
 
-DAMPER_SECONDS = MAX_SECONDS  # how long a damper stays down if nothing lifts it
-STEAL_DAMPER = 300.0, 0.03  # of a key that another needs: decay rate, 1/s, and how long, s
-CHANGES = ("stiffness", "exponent", "barrier", "gap", "damping_coefficient", "rest")  # what an event may change
-CHANGES_OF = {"contact": CHANGES, "connection": CHANGES, "friction": FRICTION_KEYS}
-CHANGE_SECONDS = 0.005  # that a change glides
-DEFAULT_POLYPHONY = 24
+TABLES: tuple[Any, ...] = (StrikeEvent, PluckEvent, DampEvent, LiftEvent, ChangeEvent)
+KINDS = {get_args(table.model_fields["kind"].annotation)[0]: table for table in TABLES}
 
 
 def live_scene(scene: Scene, keys: list[int] | None = None) -> Scene:
@@ -38,29 +34,62 @@ def live_scene(scene: Scene, keys: list[int] | None = None) -> Scene:
 
 
 class KeyAllocator:
-    """Plays the keys of an instrument. player: of a `live_scene`, with `waiting = True`."""
+    """Plays the keys of an instrument. player: of a `live_scene`, with `waiting = True`.
+
+    controls: that notes begin with what their channels have moved; None if nothing does
+    """
+
+    controls: Controls | None = None
 
     def __init__(self, player: Player) -> None:
         document = player.patch.instrument
         if document is None:
             raise ValueError("the patch is not an instrument; an instrument has a [keyboard]")
-        self.player, self._writer = player, KeyWriter(document)
-        self.stolen = self.refused = 0
+        self.player = player
+        writer = KeyWriter(document)
+        self.refused = 0
         self.ignored: dict[str, int] = {}  # messages, by what they are
-        self.polyphony = document["keyboard"].get("polyphony") or DEFAULT_POLYPHONY
-        self._mono = document["keyboard"].get("mono")
-        self.keys = [key for key in keys_of(document["keyboard"]) if self._has_bodies(key)]
+        self.keys = [key for key in keys_of(document["keyboard"]) if self._is_written(writer, key)]
         for key in self.keys:
-            self._writer.write_key(key)
-        self._places = self._places_of_forces()
-        self._held = HeldKeys[int]()
-        self._holding: dict[int, set[int]] = {}  # parts of a file, or channels, that hold a key
-        self._sounding: list[int] = []  # keys whose notes the dampers have not ended, the oldest first
+            writer.write_key(key)
+        self.sequencer = KeySequencer(writer, self.keys)
         self._played: dict[int, int] = {}
+        self._damper_rows: dict[tuple[int, float], RowSet] = {}
         self._on_channel: dict[int, int] = {}  # of an MPE zone: the key pressed last
+        self._of_keys: dict[str, list[tuple[str, int | None]]] = {}  # live parameters of a path, and whose key's
+        self._names = {plain_note_name(key): key for key in self.keys}
         bodies = [body.model_dump(exclude_unset=True) for body in player.scene.body]
         bent = [one for one in bent_parameters(bodies, self.keys) if one.path in player.live_paths]
         self._bends, self._bent = KeyBends(bent), {one.path: one.value for one in bent}
+
+    def take_over(self, other: object) -> None:
+        """Go on from where another one was: pedals and wheels stay as they are, and what was counted counts. One of
+        another kind leaves nothing."""
+        if not isinstance(other, KeyAllocator):
+            return
+        self._bends.take_over(other._bends)
+        self.together = other.together
+        for name, value, channel in other.sequencer.pedal_moves():
+            self._move_pedal(name, value, channel, 0)
+        for key, count in other._played.items():
+            self._played[key] = self._played.get(key, 0) + count
+        self.refused += other.refused
+        self.sequencer.stolen += other.sequencer.stolen
+        self.ignored |= other.ignored
+
+    @property
+    def together(self) -> bool:
+        """True if wheels and pedals act on the notes of all channels."""
+        return self.sequencer.together
+
+    @together.setter
+    def together(self, together: bool) -> None:
+        self.sequencer.together = self._bends.together = together
+
+    @property
+    def stolen(self) -> int:
+        """Notes that ended for want of others."""
+        return self.sequencer.stolen
 
     def played_notes(self) -> dict[str, str]:
         """Count the notes of each key that was played."""
@@ -72,29 +101,52 @@ class KeyAllocator:
         if note.kind == "bend":
             if not self._bent:
                 self.ignored["pitch bend"] = self.ignored.get("pitch bend", 0) + 1
-        elif note.kind in self._held.pedals:
-            self._move_pedal(note.kind, note.value / FULL_VELOCITY, frame)
-        elif note.kind == "off":
-            holding = self._holding.get(note.number, set())
-            holding.discard(note.part)
-            if not holding:
-                self._release(note.number, note.value / FULL_VELOCITY, frame)
-        elif note.number not in self.keys:
+            return
+        if note.kind == "on" and note.number not in self.keys:
             self.refused += 1
-        else:
+            return
+        if note.kind == "on":
             self._on_channel[note.channels.channel] = note.number
-            self._holding.setdefault(note.number, set()).add(note.part)
-            self._press(note.number, note.value / FULL_VELOCITY, frame)
+            self._played[note.number] = self._played.get(note.number, 0) + 1
+            self._begin_controls(note, frame)
+        value = note.value / FULL_VELOCITY
+        if note.kind in PEDALS.values():
+            self._move_pedal(note.kind, value, note.channels.channel, frame)
+        else:
+            channels = note.channels.followed()
+            self.do(self.sequencer.take(Message(0.0, note.kind, note.number, value, note.part, channels)), frame)
+
+    def _move_pedal(self, name: str, value: float, channel: int, frame: int) -> None:
+        """Move a pedal: one event moves the dampers of all keys that go with it."""
+        moved = self.sequencer.move_pedal(name, value, channel)
+        self.player.play_sets([name, value], [self._dampers(*one) for one in moved], frame)
+
+    def _dampers(self, key: int, share: float) -> RowSet:
+        """Return the events by which a pedal moves the dampers of a key."""
+        if (key, share) not in self._damper_rows:
+            tables = [event.table for event in self.sequencer.move_dampers(key, share)]
+            events = [make_event(KINDS[table["kind"]], **(table | {"time": 0.0})) for table in tables]
+            rows = [row for event in events for row in self.player.rows.of_event(event)]
+            self._damper_rows[key, share] = make_row_set(len(self._damper_rows), rows)
+        return self._damper_rows[key, share]
 
     def release_all(self, part: int, frame: int = 0) -> None:
         """Let go of all keys that a part, or a channel, holds."""
-        for key in [key for key, holding in self._holding.items() if part in holding]:
-            self.play(Note(0.0, "off", key, UNKNOWN_RELEASE, part=part), frame)
+        self.do(self.sequencer.release_part(part), frame)
 
-    def silence(self, frame: int = 0) -> None:
-        """End all notes soon, whatever holds them."""
-        for key in list(self._sounding):
-            self.end(key, frame)
+    def do(self, events: Iterable[KeyEvent | Cancel], frame: int) -> None:
+        """Let events of keys happen at a frame, or later if they say so."""
+        for event in events:
+            if isinstance(event, Cancel):
+                self.player.cancel(event.note, frame)
+                continue
+            table, at = event.table, frame
+            if later := nearest_frame(table.get("time", 0.0), self.player.samplerate):
+                at = max(frame, self.player.frame) + later
+            one = make_event(KINDS[table["kind"]], **(table | {"time": 0.0}))
+            self.player.play_event(one, at, event.note, event.is_release)
+            if table.get("parameter") is not None and at <= self.player.frame:
+                self.player.make_tables()  # what the key does next is done with them
 
     def poll(self) -> None:
         """Bend the keys as far as the wheel says by now. The tables for that take a while: call it beside `play`."""
@@ -109,138 +161,43 @@ class KeyAllocator:
 
     def targets(self, move: Move, is_of_one_note: bool) -> Targets | None:
         """Return the live parameters that a move of a controller changes if it concerns some notes alone: those of
-        their keys."""
-        if not is_of_one_note and move.kind != "poly_pressure":
+        the keys of its channel, and of what all keys share. Keys that no channel has played follow all channels."""
+        is_of_key = move.kind == "poly_pressure"
+        if self.together and not is_of_one_note and not is_of_key:
             return None
-        key = move.number if move.kind == "poly_pressure" else self._on_channel.get(move.channel)
-        name = None if key is None else plain_note_name(key)
-        return lambda player, path: [
-            one
-            for one in targets_of_all(player, path)
-            if one.split(".")[1:2] and one.split(".")[1].startswith(f"{name}_")
-        ]
 
-    # --- keys
+        def is_concerned(key: int | None) -> bool:
+            if is_of_one_note or is_of_key:
+                wanted = move.number if is_of_key else self._on_channel.get(move.channel)
+                return key is not None and key == wanted
+            return key is None or self.sequencer.follows(key, move.channel)
 
-    def _has_bodies(self, key: int) -> bool:
-        """True if the scene was written out with a key."""
-        return any(body.startswith(f"{plain_note_name(key)}_") for body in self.player.layout.body_index)
+        return lambda player, path: [one for one, key in self._by_key(player, path) if is_concerned(key)]
 
-    def _places_of_forces(self) -> dict[tuple[int, str], list[int]]:
-        """Places of a key's forces among those of a body, by key and body: keys may pluck one that they share."""
-        brief = [f.body for f in self.player.scene.force if f.amplitude != 0.0 and not isinstance(f, LastingForce)]
-        waiting = [(key, force) for key in self.keys for force, _, _ in waiting_forces(self._writer, key)]
-        of_keys = [(key, force["body"]) for key, force in waiting if force["amplitude"] != 0.0]
-        next_place = Counter(brief) - Counter(body for _, body in of_keys)  # those of the patch itself come first
-        places = defaultdict[tuple[int, str], list[int]](list)
-        for key, body in of_keys:
-            places[key, body].append(next_place[body])
-            next_place[body] += 1
-        return places
+    def _by_key(self, player: Player, path: str) -> list[tuple[str, int | None]]:
+        """Return the live parameters that a path of the patch stands for, each with its key; None of what keys
+        share."""
+        if path not in self._of_keys:
+            parameters = targets_of_all(player, path)
+            keys = [self._names.get(".".join(one.split(".")[1:2]).partition("_")[0]) for one in parameters]
+            self._of_keys[path] = list(zip(parameters, keys, strict=True))
+        return self._of_keys[path]
 
-    def _press(self, key: int, v: float, frame: int) -> None:
-        self._make_room(key, frame)
-        self._held.down.add(key)
-        self._sounding = [*(k for k in self._sounding if k != key), key]
-        self._played[key] = self._played.get(key, 0) + 1
-        self.lift(key, frame)
-        names = {"v": v, "soft": self._held.pedals["soft"], "release": 0.5}
-        for event, _, _ in events_of_key(self._writer, "on", key, names, 0.0):
-            self._do(event, key, frame)
-
-    def _release(self, key: int, release: float, frame: int) -> None:
-        if key not in self._held.down:
+    def _begin_controls(self, note: Note, frame: int) -> None:
+        """Let a note begin with what the controllers of its channels say."""
+        channels = note.channels
+        if self.controls is None or channels.channel == ALL or (self.together and channels.master == ALL):
             return
-        self._let_go(key, release, frame)
-        self.damp(key, release, frame)
 
-    def _let_go(self, key: int, release: float, frame: int) -> None:
-        """Do what a key does when it is let go, but for its dampers."""
-        self._held.down.discard(key)
-        names = {"v": 0.5, "soft": self._held.pedals["soft"], "release": release}
-        for event, _, _ in events_of_key(self._writer, "off", key, names, 0.0):
-            self._do(event, key, frame)
+        def targets(player: Player, path: str) -> list[str]:
+            return [one for one, key in self._by_key(player, path) if key == note.number]
 
-    def _make_room(self, key: int, frame: int) -> None:
-        """End the notes that cannot go on beside a new one: of its group, or one too many."""
-        if self._mono is not None:
-            group = self._writer.names(key).get(self._mono)
-            for other in [k for k in self._sounding if self._writer.names(k).get(self._mono) == group and k != key]:
-                self.end(other, frame)
-        others = [k for k in self._sounding if k != key]
-        while len(others) >= self.polyphony:
-            oldest = next((k for k in others if k not in self._held.down), others[0])
-            self.stolen += 1
-            self.end(oldest, frame)
-            others.remove(oldest)
+        self.controls.begin_note(targets, channels.followed(), note.number, max(frame, self.player.frame))
 
-    def end(self, key: int, frame: int) -> None:
-        """End a note soon, whatever the pedals say: a bow is lifted, and dampers come down."""
-        release = UNKNOWN_RELEASE / FULL_VELOCITY
-        if key in self._held.down:
-            self._let_go(key, release, frame)
-        self._held.kept.discard(key)
-        self._holding.pop(key, None)
-        self._sounding = [k for k in self._sounding if k != key]
-        for event in self._damper_events(key, release):
-            self.player.damp(event["body"], *STEAL_DAMPER, frame=frame)
-        self.damp(key, release, frame)
-
-    # --- dampers and pedals
-
-    def _damper_events(self, key: int, release: float) -> list[dict[str, Any]]:
-        names = {"release": release, "v": 0.0, "soft": 0.0}
-        return [event for event, _, _ in events_of_key(self._writer, "damper", key, names, 0.0)]
-
-    def lift(self, key: int, frame: int) -> None:
-        for event in self._damper_events(key, 0.5):
-            self.player.lift(event["body"], frame)
-
-    def damp(self, key: int, release: float, frame: int) -> None:
-        """Put the dampers of a key down as far as the pedals let them."""
-        share = self._held.damper_share(key)
-        if share == 0.0:
-            return
-        self._sounding = [k for k in self._sounding if k != key]
-        for event in self._damper_events(key, release):
-            self.player.damp(event["body"], event["sigma"] * share, DAMPER_SECONDS, frame)
-
-    def _move_pedal(self, name: str, value: float, frame: int) -> None:
-        kept = self._held.kept
-        if not self._held.move_pedal(name, value):
-            return
-        for key in self.keys if name == "sustain" else kept:
-            if key not in self._held.down and key not in self._held.kept:
-                self.lift(key, frame)
-                self.damp(key, UNKNOWN_RELEASE / FULL_VELOCITY, frame)
-
-    # --- events
-
-    def _do(self, event: dict[str, Any], key: int, frame: int) -> None:
-        """Let an event of a key happen."""
-        if later := nearest_frame(event.get("time", 0.0), self.player.samplerate):
-            frame = max(frame, self.player.frame) + later
-        kind = event.get("kind")
-        if kind == "strike":
-            self.player.strike(event["body"], event["velocity"], event.get("displacement"), frame)
-        elif kind == "pluck":
-            full = self._full_amplitude(key, event["body"])
-            if full and event["amplitude"] / full > 0.0:
-                self.player.pluck(event["body"], event["amplitude"] / full, frame, self._places[key, event["body"]])
-        elif kind == "damp":
-            self.player.damp(event["body"], event["sigma"], event.get("duration", DAMPER_SECONDS), frame)
-        elif kind == "change" and event.get("parameter") is not None:
-            self.player.set(event["parameter"], event["value"], event.get("duration", CHANGE_SECONDS), frame)
-            self.player.make_tables()  # what the key does next is done with them
-        elif kind == "change":
-            section = next(section for section in CHANGES_OF if event.get(section))
-            for name in CHANGES_OF[section]:
-                if event.get(name) is not None:
-                    glide = event.get("duration", CHANGE_SECONDS)
-                    self.player.set(f"{section}.{event[section]}.{name}", event[name], glide, frame)
-
-    def _full_amplitude(self, key: int, body: str) -> float:
-        """Return the full force of the pluck of a body that waits for its key, N."""
-        names = {"v": 1.0, "soft": 0.0, "release": 0.5}
-        events = [event for event, _, _ in events_of_key(self._writer, "on", key, names, 0.0)]
-        return float(next((e["amplitude"] for e in events if e["kind"] == "pluck" and e["body"] == body), 0.0))
+    def _is_written(self, writer: KeyWriter, key: int) -> bool:
+        """True if the scene was written out with a key; one without bodies of its own, such as an open string, plucks
+        bodies of the scene."""
+        if any(True for _ in writer.tables_at("body", key)):
+            return any(body.startswith(f"{plain_note_name(key)}_") for body in self.player.layout.body_index)
+        plucked = {table.get("body") for _, table in writer.tables_at("on", key) if table.get("kind") == "pluck"}
+        return plucked <= {force.body for force in self.player.scene.force}

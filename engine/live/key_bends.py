@@ -3,9 +3,10 @@
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
+from engine.instrument.held_keys import ALL
 from engine.instrument.key_names import plain_note_name
 from engine.live.midi_notes import Note
-from engine.live.mpe import ALL, ChannelBends, NoteChannels
+from engine.live.mpe import ChannelBends, NoteChannels
 
 PITCH_KEYS = {"frequency": 1, "tension": 2}  # of a body: the first that it has goes with this power of the ratio
 BEND_STEP_SECONDS = 0.01  # between two steps of a bend in a score
@@ -21,7 +22,8 @@ class BentParameter(NamedTuple):
 
 
 class KeyBends:
-    """The present pitch bend of each key. Outside MPE zones, the wheel bends all keys; in one, those of its channel.
+    """The present pitch bend of each key: by the wheel of the channel that played it last. A key that no channel has
+    played follows the latest move of any.
 
     parameters: of the keys
     """
@@ -34,9 +36,27 @@ class KeyBends:
     def follow(self, note: Note) -> None:
         """Follow a message: a move of the wheel, or a key that is pressed on another channel."""
         if note.kind == "bend":
-            self._bends.move(note.channels.channel, note.value)
+            self._bends.move(note.channels, note.value)
         elif note.kind == "on" and note.number in self._channels:
             self._channels[note.number] = note.channels
+
+    def expect(self, notes: Iterable[Note]) -> None:
+        """Let each key follow the channel that will play it first."""
+        first = {note.number: note.channels for note in reversed(list(notes)) if note.kind == "on"}
+        self._channels |= {key: channels for key, channels in first.items() if key in self._channels}
+
+    @property
+    def together(self) -> bool:
+        """True if outside zones the latest move of any wheel bends all keys."""
+        return self._bends.together
+
+    @together.setter
+    def together(self, together: bool) -> None:
+        self._bends.together = together
+
+    def take_over(self, other: "KeyBends") -> None:
+        """Have the wheels where those of another one are."""
+        self._bends = other._bends
 
     def values(self) -> dict[str, float]:
         """The values of all parameters, by their paths."""
@@ -57,6 +77,7 @@ def bent_parameters(bodies: Iterable[dict[str, Any]], keys: Iterable[int]) -> It
 
 def bend_events(bends: KeyBends, notes: Sequence[Note]) -> list[dict[str, Any]]:
     """The bends of a file as events of a score: changes of what keys are made of, in steps."""
+    bends.expect(notes)
     before, steps = bends.values(), dict[int, dict[str, float]]()
     for note in notes:
         bends.follow(note)

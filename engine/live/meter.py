@@ -1,6 +1,7 @@
 """The reading of a meter of live sound."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from engine.offline.statistics import NewtonStatistics
 from engine.offline.statistics_base import Statistics
@@ -29,3 +30,15 @@ class MeterReading(Statistics):
     voices: int
     sounding: int  # voices with an island that moves
     kernel: str  # special or general (engine.runtime.kernel_choice)
+    table_digest: str  # of the tables that it began with (engine.assembly.table_digest)
+
+
+SUMS = "seconds", "dropouts", "limited", "capped", "not_finite", "dropped", "lost", "quality_steps"
+LARGEST = "worst_block", "energy_error"
+
+
+def join_readings(before: Sequence[MeterReading], now: MeterReading) -> MeterReading:
+    """Return the reading of a session whose players took over from each other. before: of those that are over"""
+    readings = [*before, now]
+    sums = {name: sum(getattr(one, name) for one in readings) for name in SUMS}
+    return replace(now, **sums, **{name: max(getattr(one, name) for one in readings) for name in LARGEST})

@@ -1,12 +1,19 @@
 """Messages of MIDI as notes and moves of controllers, and ports. mido is imported when needed."""
 
+import sys
 from typing import Any, NamedTuple
 
-from engine.live.mpe import ALL, MpeZones, NoteChannels
+from engine.instrument.held_keys import ALL
+from engine.live.mpe import DATA, DATA_FINE, DECREMENT, INCREMENT, NRPN, RPN_HIGH, RPN_LOW, MpeZones, NoteChannels
 
 PEDALS = {64: "sustain", 66: "sostenuto", 67: "soft"}  # by their controllers
-ALL_SOUND_OFF, ALL_NOTES_OFF = 120, 123  # controllers
+FIRST_MODE_MESSAGE = 120  # controllers from here on are messages to a channel
+ALL_SOUND_OFF = 120  # controller
+PEDAL_DOWN = 64  # of 127; below, a pedal is up
+NOTES_OFF = range(123, 128)  # controllers: all notes off, and the modes (omni, mono, poly), which mean that as well
+PARAMETER_CONTROLLERS = DATA, DATA_FINE, INCREMENT, DECREMENT, *NRPN, RPN_LOW, RPN_HIGH  # the order counts
 UNKNOWN_RELEASE = 64  # velocity with which a key is let go, where that was not measured
+LAST_WITH_DRIVER = 3, 12  # the last Python that python-rtmidi has wheels for
 
 
 class MidiError(RuntimeError):
@@ -21,10 +28,10 @@ class Note(NamedTuple):
     """A message."""
 
     seconds: float
-    kind: str  # on | off | bend | the name of a pedal
+    kind: str  # on | off | bend | silence | the name of a pedal
     number: int  # of the key
     value: float  # velocity; how far a pedal is down, 0 to 127; how far the pitch is bent, cents
-    channels: NoteChannels = NoteChannels(ALL, ALL)  # of an MPE zone, whose bends it follows; or that are bent
+    channels: NoteChannels = NoteChannels(ALL, ALL)  # that it follows, or whose message it is
     part: int = 0  # of a file; of a port, the channel, from 1
 
 
@@ -37,15 +44,6 @@ class Move(NamedTuple):
     value: float  # 0 to 1
 
 
-def load_mido() -> Any:
-    """The module mido. Raises MidiError."""
-    try:
-        import mido
-    except ImportError:
-        raise MidiError("notes need mido; run uv sync --extra midi, or pip install mido python-rtmidi") from None
-    return mido
-
-
 def parse_message(message: Any, seconds: float, zones: MpeZones) -> Note | None:
     """A message as a Note, if it is one."""
     if message.type in ("note_on", "note_off"):
@@ -54,11 +52,18 @@ def parse_message(message: Any, seconds: float, zones: MpeZones) -> Note | None:
             return Note(seconds, "on", message.note, message.velocity, channels)
         return Note(seconds, "off", message.note, message.velocity or UNKNOWN_RELEASE, channels)
     if message.type == "control_change" and message.control in PEDALS:
-        return Note(seconds, PEDALS[message.control], 0, message.value)
+        return Note(seconds, PEDALS[message.control], 0, message.value, zones.channels(message.channel + 1))
+    if message.type == "control_change" and message.control == ALL_SOUND_OFF:
+        return Note(seconds, "silence", 0, 0.0, zones.channels(message.channel + 1))
     if message.type == "pitchwheel":
         channel = message.channel + 1
-        return Note(seconds, "bend", 0, zones.bend_cents(channel, message.pitch), zones.channels(channel))
+        return Note(seconds, "bend", 0, zones.move_wheel(channel, message.pitch), zones.channels(channel))
     return None
+
+
+def bends_of(zones: MpeZones, seconds: float) -> list[Note]:
+    """The bends that the last message caused, of ranges, tunings and zones."""
+    return [Note(seconds, "bend", 0, zones.cents(channel), zones.channels(channel)) for channel in zones.bent]
 
 
 def parse_move(message: Any) -> Move | None:
@@ -76,10 +81,22 @@ def parse_move(message: Any) -> Move | None:
 
 def list_ports() -> list[str]:
     """The names of the MIDI input ports. Raises MidiError."""
+    import mido
+
     try:
-        return list(load_mido().get_input_names())
-    except (ImportError, OSError) as error:
-        raise MidiError(f"there are no MIDI ports ({error}); run uv sync --extra midi, or give a .mid file") from error
+        return list(mido.get_input_names())
+    except ImportError as error:
+        raise MidiError(f"a MIDI port needs python-rtmidi: {how_to_install_driver()}; or give a .mid file") from error
+    except OSError as error:
+        raise MidiError(f"there are no MIDI ports ({error}); give a .mid file") from error
+
+
+def how_to_install_driver() -> str:
+    """The way to install the driver of MIDI ports, on this version of Python."""
+    how = "run uv sync --extra midi, or pip install python-rtmidi"
+    if sys.version_info[:2] > LAST_WITH_DRIVER:
+        how += f"; from Python 3.{LAST_WITH_DRIVER[1] + 1} on that needs a C++ compiler and, on Linux, libasound2-dev"
+    return how
 
 
 def open_port(name: str) -> Any:
@@ -91,4 +108,6 @@ def open_port(name: str) -> Any:
         raise MidiError(
             f'{what} "{name}"; the ports are {", ".join(names) or "none"}; give one of these, or a .mid file'
         )
-    return load_mido().open_input(chosen[0])
+    import mido
+
+    return mido.open_input(chosen[0])

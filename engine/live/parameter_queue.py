@@ -5,37 +5,43 @@ import threading
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from engine.argument_checks import checked_number
 from engine.assembly.event_table import EventRow
-from engine.assembly.table_changes import MAX_STEPS, Exchange, NewValue, TableChanges, scored_changes
+from engine.assembly.table_changes import Exchange, NewValue, TableChanges, plan_score
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import EventKind
-from engine.live.audio_memory import QUEUE_SIZE
+from engine.live.audio_memory import MAX_FRAMES
 from engine.live.event_queue import EventQueue
 from engine.live.shared_memory import SharedMemory, Slot
+from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import LivePath, current_path, explain_unknown
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
 
 GLIDE_BUDGET = 0.5  # s, for the tables of a glide that are made beside the sound; it has no more steps than that allows
-MOST_WAITING = QUEUE_SIZE - 2 * MAX_STEPS  # exchanges: one more change has room
+MADE_AHEAD = 0.5  # s before they are due, at which tables are made beside the sound
+MOST_WAITING = 1024  # exchanges of a score, whose tables are made before it begins
 
 
 class Request(NamedTuple):
-    """New values whose tables are to be made together."""
+    """New values that are to be planned; without any, the changes of a note that have not begun are forgotten."""
 
     values: tuple[NewValue, ...]
     seconds: float  # of the glide
     frame: int
     thread: int  # that set it
+    note: int  # that it belongs to; 0: none
 
 
 class ParameterQueue:
-    """Builds the tables of live parameters, and puts their exchanges into the queue of the audio thread.
+    """Plans changes of live parameters that tables are made of, builds the tables, and puts their exchanges into the
+    queue of the audio thread.
 
     Nobody waits for tables but the thread that renders, and that only if it has set something itself: so a program that
-    sets and renders in turn gets the same samples each time. It then waits for all earlier requests, too. All
-    else is made by another thread, beside the sound.
+    sets and renders in turn gets the same samples each time. It then waits for all that is due in the block. All else
+    is made by another thread, beside the sound, soon before it is due.
 
     paths: of the live parameters of a player; tables: of what it plays; queue, memory: its own
     """
@@ -44,10 +50,11 @@ class ParameterQueue:
         self, paths: Mapping[str, LivePath], tables: TableChanges, queue: EventQueue, memory: SharedMemory
     ) -> None:
         self._paths, self._tables, self._queue, self._counters = paths, tables, queue, memory.counters
-        self._values: dict[str, float] = {}  # of those that glide in the audio thread
-        self._requests: list[Request] = []  # in the order in which their tables are made
-        self._current: Request | None = None  # whose tables are being made
-        self._lock = threading.Lock()  # of the requests
+        self._values: dict[str, float] = {}  # that parameters have been given last
+        self._tickets: dict[int, tuple[np.ndarray, dict[str, Any]]] = {}  # of exchanges, by id; and entries of the log
+        self._requests: list[Request] = []  # in the order in which they were set
+        self._has_notes = False  # whether changes belong to notes
+        self._wake = threading.Condition()  # of the requests, and of the worker
         self._worker: threading.Thread | None = None
         self.renderer: int | None = threading.get_ident()  # the thread that renders; None: that of a device
         self.refused: dict[str, str] = {}  # parameters that could not have their last value, and why
@@ -75,42 +82,84 @@ class ParameterQueue:
     def value(self, parameter: str) -> float:
         """The value of a parameter: where it glides to. Raises KeyError if there is no such parameter."""
         name = self._present_name(parameter)
-        path = self._paths[name]
-        if path.is_glided:
-            return self._values.get(name, self._tables.value(path))
-        with self._lock:
-            requested = [request.values for request in (self._current, *self._requests) if request is not None]
-        wanted = [new.value for values in requested for new in values if new.path == path]
-        return wanted[-1] if wanted else self._tables.value(path)
+        return self._values.get(name, self._tables.value(self._paths[name]))
 
     @property
     def tables(self) -> TableChanges:
         """Builder of the tables."""
         return self._tables
 
-    # --- requests
+    # --- what is planned
 
-    def put(self, values: Sequence[NewValue], seconds: float, frame: int) -> None:
-        """Ask for the tables of values; what waits for older ones of the same parameters is forgotten. Raises
-        ValueError (BuildError) if it is soon seen that they are impossible."""
+    def put(self, values: Sequence[NewValue], seconds: float, frame: int, note: int = 0) -> None:
+        """Plan a change. Raises ValueError (BuildError) if it is soon seen that its values are impossible.
+
+        note: with which it is cancelled if it has not begun; 0: none
+        """
         if not 0.0 <= seconds <= MAX_SECONDS:
             raise ValueError(f"seconds = {seconds:g} is out of range; give 0 to {MAX_SECONDS:g}")
-        self._tables.check(values)
-        request = Request(tuple(values), seconds, frame, threading.get_ident())
-        with self._lock:
-            self._requests = with_newest(self._requests, request)
+        tables = {(new.path.section, new.path.number) for new in values}
+        set_before = [
+            NewValue(path, name, value)
+            for name, value in list(self._values.items())  # another thread may set one meanwhile
+            if not (path := self._paths[name]).is_glided and (path.section, path.number) in tables
+        ]
+        self._tables.check(values, set_before)
+        self._values |= {new.parameter: new.value for new in values}
+        self._has_notes = self._has_notes or note != 0
+        self._request(Request(tuple(values), seconds, frame, threading.get_ident(), note))
+
+    def cancel(self, note: int, frame: int) -> None:
+        """Forget the changes of a note that have not begun before a frame."""
+        if self._has_notes:
+            self._request(Request((), 0.0, frame, threading.get_ident(), note))
+
+    def _request(self, request: Request) -> None:
+        with self._wake:
+            self._requests.append(request)
         if self.renderer != request.thread or self._counters[Slot.CALLS]:
             self._make_beside()
 
-    def before_block(self) -> None:
-        """Compute the coefficients that the rendering thread has requested; others follow in the background."""
+    def _plan_requests(self) -> None:
+        """Plan what was set. Whoever does so has the lock of the tables."""
+        with self._wake:
+            requests, self._requests = self._requests, []
+        for values, seconds, frame, thread, note in requests:
+            now = self._now()
+            if not values:
+                self._tables.cancel(note, max(frame, now), self._withdraw)
+                continue
+            if frame == 0 or frame < now:  # at once: what waits for older ones of the same parameters is forgotten
+                self._tables.forget_late([new.parameter for new in values], now)
+            change = self._tables.plan(values, seconds, max(frame, now), thread, note=note)
+            self._tables.withdraw(change.reach, change.frame, self._withdraw)
+
+    def plan_score(self, scene: Scene) -> None:
+        """Plan the changes of tables that a score asks for, and make them: they wait for their frames. Raises
+        BuildError if they are too many, or impossible."""
+        count = plan_score(self._tables, scene)
+        if count > MOST_WAITING:
+            message = "its score changes parameters of bodies too often to be played live"
+            raise BuildError(Fault("event", f"{message}; render it, or give shorter durations"))
+        for exchange in self._tables.due(MAX_FRAMES):
+            self._put_exchange(exchange)
+
+    def _withdraw(self, exchange: Exchange) -> bool:
+        """Withdraw an exchange that the audio thread has not made. Return False if it has."""
+        ticket, entry = self._tickets[id(exchange)]
+        return self._queue.withdraw(entry, ticket)
+
+    # --- what is made
+
+    def before_block(self, frames: int) -> None:
+        """Make the tables that are due in the next block if the rendering thread has set anything; others follow beside
+        the sound."""
         self.renderer = threading.get_ident()
-        with self._lock:
-            asking = {request.thread for request in (self._current, *self._requests) if request is not None}
-        if self.renderer in asking:
-            self.make_tables()
-        elif asking:
+        if self._tables.waits_for(self.renderer) or any(one.thread == self.renderer for one in list(self._requests)):
+            self._make_until(self._now() + frames - 1)
+        elif self._is_waiting():
             self._make_beside()
+        self._queue.fill()
 
     def leave_to(self, renderer: int | None) -> None:
         """Let a thread render from now on; None: that of a device, and all tables are made beside."""
@@ -118,92 +167,87 @@ class ParameterQueue:
         if renderer is None:
             self._make_beside()
 
-    # --- what is made
+    def make_tables(self) -> None:
+        """Make the tables of all that is planned."""
+        self._make_until(MAX_FRAMES)
 
-    def make_tables(self, budget: float = math.inf) -> None:
-        """Compute all requested coefficients, and let the audio thread exchange them. budget: seconds for a glide"""
+    def _make_until(self, frame: int, budget: float = math.inf) -> None:
+        """Make the tables of what is due up to a frame, and let the audio thread exchange them. budget: seconds for a
+        glide"""
         while True:
             with self._tables.lock:
-                with self._lock:
-                    self._current = self._requests.pop(0) if self._requests else None
-                if self._current is None:
+                self._plan_requests()
+                following = self._tables.next_frame
+                if following is None or following > frame:
                     return
-                names, reason = [new.parameter for new in self._current.values], ""
-                try:
-                    self._make(self._current, budget)
-                except Exception as error:  # whatever it is, the sound goes on
-                    reason = str(error) or type(error).__name__
-                    self._queue.refuse(["set", *_named(self._current.values)], reason)
-                finally:
-                    self._current = None
-                kept = {name: why for name, why in self.refused.items() if name not in names}
-                self.refused = kept | dict.fromkeys(names, reason) if reason else kept
+                self._forget_made()
+                self._make_next(budget)
+
+    def _make_next(self, budget: float) -> None:
+        """Make the tables of the next step. Values that are impossible are refused, and the sound goes on."""
+        change, reason = self._tables.next_change, ""
+        names = [new.parameter for new in change.values]
+        try:
+            exchange = self._tables.make_next(self._now(), budget)
+            if exchange is not None:
+                self._put_exchange(exchange)
+        except Exception as error:  # whatever it is
+            reason = str(error) or type(error).__name__
+            self._queue.refuse([change.why, *_named(change.values)], reason)
+            for new in change.values:
+                if self._values.get(new.parameter) == new.value:
+                    del self._values[new.parameter]
+        kept = {name: why for name, why in self.refused.items() if name not in names}
+        self.refused = kept | dict.fromkeys(names, reason) if reason else kept
+
+    def _forget_made(self) -> None:
+        """Forget the exchanges that the audio thread has made, or seen to be withdrawn: it reads their numbers no
+        more."""
+        now = self._now()  # what was made at a frame before is over
+        self._queue.pending()  # notes what was taken
+
+        def is_read(exchange: Exchange) -> bool:
+            made_at = self._tickets[id(exchange)][1]["frame"]
+            return made_at is None or int(made_at) >= now
+
+        self._tables.forget_before(now, is_read)
+        kept = {id(exchange) for exchange in self._tables.exchanges}
+        self._tickets = {n: ticket for n, ticket in self._tickets.items() if n in kept}
 
     def _make_beside(self) -> None:
-        """Let a thread compute the requested coefficients, unless one does."""
-        with self._lock:
-            if self._worker is None and self._requests:
+        """Let a thread make the tables of what is planned, unless one does."""
+        with self._wake:
+            if self._worker is None:
                 self._worker = threading.Thread(target=self._work, name="tables", daemon=True)
                 self._worker.start()
+            self._wake.notify()
 
     def _work(self) -> None:
-        """Make tables until there are none to make."""
+        """Make tables soon before they are due, until there are none to make."""
+        ahead = nearest_frame(MADE_AHEAD, self._tables.samplerate)
         while True:
-            self.make_tables(GLIDE_BUDGET)
-            with self._lock:
-                if not self._requests:
+            self._make_until(self._now() + ahead, GLIDE_BUDGET)
+            with self._wake:
+                if not self._is_waiting():
                     self._worker = None
                     return
+                if not self._requests:
+                    self._wake.wait(MADE_AHEAD / 4)
 
-    def _make(self, request: Request, budget: float) -> None:
-        """Build the tables of values, and let the audio thread exchange them; if it has too many before it, they are
-        dropped, and that is said. Raises ValueError (BuildError, CannotExchange)."""
-        waiting = int(self._counters[Slot.EXCHANGES_WAITING])
-        if self._queue.pending() + waiting > MOST_WAITING:
-            self._queue.drop(["set", *_named(request.values)])
-            return
-        if self._counters[Slot.READ_INDEX] == self._counters[Slot.WRITE_INDEX] and not waiting:
-            self._tables.forget()
-        for step in self._tables.steps(request.values, request.seconds, request.frame, self._now, budget):
-            self._put_exchange("set", step)
+    def _is_waiting(self) -> bool:
+        """True if some tables are still to be made."""
+        return bool(self._requests) or self._tables.next_frame is not None
 
     def _now(self) -> int:
         """The frame that the sound has reached."""
         return int(self._counters[Slot.FRAME])
 
-    def put_score(self, scene: Scene) -> None:
-        """Put the changes of tables that a score asks for into the queue; they wait there for their frames. Raises
-        BuildError if they are too many."""
-        changes, count = scored_changes(scene, self._tables.samplerate), 0
-        for change in changes:
-            count += len(steps := self._tables.steps(change.values, change.seconds, change.frame))
-            if count > MOST_WAITING:
-                message = (
-                    f"its score changes {change.values[0].parameter} and other parameters too often to be played live"
-                )
-                raise BuildError(Fault("event", f"{message}; render it, or give shorter durations"))
-            for step in steps:
-                self._put_exchange("score", step)
-
-    def _put_exchange(self, why: str, step: Exchange) -> None:
+    def _put_exchange(self, step: Exchange) -> None:
         """Let the audio thread do an exchange."""
-        table = step.copies.table
+        table, ticket = step.copies.table, np.zeros(2, np.int64)
         row = EventRow(EventKind.EXCHANGE_TABLES, 0, step.island, step.island + step.islands, step.due, len(table))
-        self._queue.put([why, *_named(step.values)], row, table)
-
-
-def with_newest(requests: Sequence[Request], newest: Request) -> list[Request]:
-    """Requests with another, without what they ask for the same parameters: it takes the place of one of the same
-    parameters, so that none waits for ever."""
-    names, kept, is_placed = {new.parameter for new in newest.values}, list[Request](), False
-    for request in requests:
-        rest = tuple(new for new in request.values if new.parameter not in names)
-        if not rest and not is_placed and len(request.values) == len(names):
-            kept.append(newest)
-            is_placed = True
-        elif rest:
-            kept.append(request._replace(values=rest))
-    return kept if is_placed else [*kept, newest]
+        entry = self._queue.put([step.why, *_named(step.values)], row, table, ticket)
+        self._tickets[id(step)] = ticket, entry
 
 
 def _named(values: Sequence[NewValue]) -> list[Any]:

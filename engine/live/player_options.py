@@ -18,6 +18,7 @@ class PlayerOptions:
     cores:   how many share the work, at audio priority where that is allowed; the samples are the same
     kernel:  special, general or auto (engine.runtime.kernel_choice); the samples are the same
     waiting: forces of limited duration wait until `pluck` starts them, as those of voices do
+    log:     what is done is kept for `log`; else it is only counted
     """
 
     voices: int = 0
@@ -26,6 +27,7 @@ class PlayerOptions:
     cores: int = 1
     kernel: str | None = None
     waiting: bool = False
+    log: bool = True
 
 
 def checked_options(options: Mapping[str, Any]) -> PlayerOptions:

@@ -21,7 +21,7 @@ from engine.kernel.data.model import Connections, FreeFlight, Model, ModeShapeRo
 from engine.live.event_queue import EventQueue, checked_frame
 from engine.live.player_options import PlayerOptions
 from engine.live.shared_memory import SharedMemory, Slot
-from engine.live.voices import replicate, retune, sounding_bodies, tuned_bodies
+from engine.live.voices import replicate, retune, sounding_bodies, tuned_bodies, with_chosen_residuals
 from engine.patch.frames import nearest_frame
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
@@ -53,7 +53,8 @@ class VoiceTuning:
         queue: EventQueue,
         memory: SharedMemory,
     ) -> None:
-        self._patch, self._lowest, self._built, self._built_with = patch, options.lowest, built, built_with
+        self._patch = with_chosen_residuals(patch, built.model.samplerate) if options.voices else patch
+        self._lowest, self._built, self._built_with = options.lowest, built, built_with
         self._queue, self._counters = queue, memory.counters
         self._pitch: list[tuple[float, str | None]] = [(options.lowest, None)] * options.voices
         self._tables: dict[tuple[int, float, str | None], tuple[np.ndarray, Model]] = {}
@@ -63,7 +64,7 @@ class VoiceTuning:
         voice, ratio = checked_integer("voice", voice), checked_number("ratio", ratio)
         seconds, frame = checked_number("seconds", seconds), self._check(voice, ratio, seconds, frame, body)
         counters = self._counters
-        is_idle = counters[Slot.READ_INDEX] == counters[Slot.WRITE_INDEX] and not counters[Slot.EXCHANGES_WAITING]
+        is_idle = counters[Slot.READ_INDEX] == counters[Slot.WRITE_INDEX] and not counters[Slot.WAITING]
         if is_idle and len(self._tables) > MAX_GLIDE_STEPS:
             self._tables.clear()  # the audio thread waits for none
         ratios = self._glide(voice, ratio, seconds, body)

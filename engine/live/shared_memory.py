@@ -26,10 +26,15 @@ class Slot(IntEnum):
     CALLS = 11
     QUALITY = 12  # level that is played, 0 is the best
     QUALITY_CHANGES = 13
-    FRAMES_AT_EASE = 14
+    FRAMES_AT_EASE = 14  # in which a higher quality would have fitted
     RECORDED = 15
     NONFINITE_SAMPLES = 16
-    EXCHANGES_WAITING = 17  # exchanges of tables whose frame has not come
+    WAITING = 17  # events whose frame has not come
+    FIRST_WAITING = 18  # place of the first of them in `order`
+    DROPPED = 19  # events that were dropped after they were taken
+    DISPLACED = 20  # events that ended early, for a release that found no room
+    FRAMES_AT_LEVEL = 21  # since the quality changed last
+    LEVEL_BEFORE = 22  # which it had before that
 
 
 class Gauge(IntEnum):
@@ -41,10 +46,12 @@ class Gauge(IntEnum):
     MAX_LOAD = 3
     SECONDS_USED = 4
     LOAD_HIGH = 5  # a block with a higher load lowers the quality
-    LOAD_LOW = 6  # after a second of lower loads, the quality rises
+    LOAD_LOW = 6  # the quality rises after a second in which a higher one would have had lower loads
     TREMOLO_DEPTH = 7
     TREMOLO_TURNS = 8  # a sample
     TREMOLO_SPREAD = 9  # turns from one channel to the next
+    MEAN_LOAD = 10  # of the blocks since the quality changed last …
+    LOAD_BEFORE = 11  # … and of those before
 
 
 class SharedMemory(NamedTuple):
@@ -54,8 +61,11 @@ class SharedMemory(NamedTuple):
     gauges: np.ndarray  # [Gauge]
     events: np.ndarray  # int64 [queue size, EventSlot], a ring: the queue of events …
     values: np.ndarray  # [queue size, VALUES_PER_EVENT] … and of their values
-    exchanges: np.ndarray  # int64 [queue size, EventSlot]: exchanges of tables that wait for their frame
-    order: np.ndarray  # int64 [EventSlot]: an event that the audio thread itself inserts
+    waiting: np.ndarray  # int64 [queue size, EventSlot]: events that wait for their frame …
+    waiting_values: np.ndarray  # [queue size, VALUES_PER_EVENT] … their values …
+    order: np.ndarray  # int64 [queue size], a ring: … and their rows, sorted by frame, before the unused ones
+    dropped: np.ndarray  # int64 [queue size], a ring: indices of events that were dropped after they were taken
+    single_event: np.ndarray  # int64 [EventSlot]: the one that the audio thread inserts at present
     models: np.ndarray  # int64 [models]: addresses of Models, each coarser than the one before
     quality_log: np.ndarray  # int64 [queue size, 2], a ring: frame, level of quality
     loads: np.ndarray  # [blocks], a ring: of the last blocks, as shares of their deadlines
@@ -66,7 +76,6 @@ class SharedMemory(NamedTuple):
     state: int  # address of the State
     insert_event: int  # address of the kernel that takes an event
     samplerate: int
-    lowest_quality: int
     release: float  # share of the limiter's envelope that is left after a sample
 
 
@@ -79,8 +88,11 @@ EMPTY = SharedMemory(  # says what compiled code gets
     gauges=_empty(np.float64, 1),
     events=_empty(np.int64, 2),
     values=_empty(np.float64, 2),
-    exchanges=_empty(np.int64, 2),
+    waiting=_empty(np.int64, 2),
+    waiting_values=_empty(np.float64, 2),
     order=_empty(np.int64, 1),
+    dropped=_empty(np.int64, 1),
+    single_event=_empty(np.int64, 1),
     models=_empty(np.int64, 1),
     quality_log=_empty(np.int64, 2),
     loads=_empty(np.float64, 1),
@@ -91,6 +103,5 @@ EMPTY = SharedMemory(  # says what compiled code gets
     state=0,
     insert_event=0,
     samplerate=0,
-    lowest_quality=0,
     release=0.0,
 )

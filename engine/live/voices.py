@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from engine.assembly.build import build
 from engine.bodies import Bar, Body, Mass, Oscillator, String, Tube
 from engine.bodies.distributed import DistributedBody
 from engine.patch.scene import Scene, connected_bodies
@@ -40,6 +41,16 @@ def retune(scene: Scene, ratio: float, names: set[str] | None = None) -> Scene:
 def tuned_bodies(scene: Scene, name: str) -> set[str]:
     """The bodies that get the pitch of a note for one of them: that one, and those with a pickup joined to it."""
     return (connected_bodies(scene, name) & set(sounding_bodies(scene))) | {name}
+
+
+def with_chosen_residuals(scene: Scene, samplerate: float) -> Scene:
+    """The scene with residual modes where its own pitch wants them: so all pitches of a voice have as many."""
+    modal = build(scene, samplerate).layout.modal_bodies
+    bodies = [
+        body.model_copy(update={"residual": found.residual > 0}) if isinstance(body, DistributedBody) else body
+        for body, found in zip(scene.body, modal, strict=True)
+    ]
+    return scene.model_copy(update={"body": bodies})
 
 
 def at_rest(body: Body) -> Body:

@@ -1,6 +1,5 @@
 """Render a scene to an array: the engine at full speed, with its statistics."""
 
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,13 +8,18 @@ from typing import Any, cast
 import numpy as np
 
 from engine.assembly.build import build
-from engine.assembly.table_changes import scored_exchanges
+from engine.assembly.table_changes import scored_tables
+from engine.assembly.table_digest import digest_tables
+from engine.faults import RenderInterrupted
 from engine.kernel.data.state import Trace
+from engine.offline.brief_contacts import BriefContactRecord, warn_of_brief_contacts, watch_contacts
 from engine.offline.decimation import decimate, decimation_tail
+from engine.offline.infrasound import warn_of_infrasound
+from engine.offline.large_motion import LargeMotion, MotionRecord
+from engine.offline.recorder import Renderer
 from engine.offline.shape_snapshots import ShapeSnapshots
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import RenderStatistics, island_statistics, simulation_statistics
-from engine.offline.stretching_record import FRAMES_OF_RENDER, Renderer, StretchingRecord
 from engine.offline.trace import TraceArrays, allocate_trace, name_columns, trace_rows
 from engine.offline.tremolo import apply_tremolo
 from engine.offline.trust import (
@@ -28,15 +32,16 @@ from engine.offline.trust import (
 from engine.patch.frames import check_samplerate, frame_count
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
+from engine.provenance import usable_cores
 
-FIRST_CHUNK_FRAMES = 64  # to see how long they take
+FIRST_CHUNK_FRAMES = 8  # to see how long they take: where a sample takes 0.1 s, too
 MAX_CHUNK_FRAMES = 16_384  # between two looks at the clock and at Ctrl-C
 QUICK_CHUNK_SECONDS = 0.02  # what takes less is followed by eight times as many
 
 
 @dataclass(frozen=True, eq=False)
 class RenderedArrays:
-    """The arrays and statistics of a rendered scene; `engine.Rendering` describes them."""
+    """The arrays and statistics of a rendered scene; `fdh.Rendering` describes them."""
 
     audio: np.ndarray
     samplerate: int
@@ -55,31 +60,51 @@ def render_arrays(
     trace_shapes: bool = False,
     **accuracy: Any,
 ) -> RenderedArrays:
-    """Render a scene to arrays. The arguments are those of `engine.render`, of the right kinds. Raises ValueError if
-    one is out of range, BuildError (a ValueError) if the scene cannot be built at this sample rate."""
+    """Render a scene to arrays. The arguments are those of `fdh.render`, of the right kinds. Raises ValueError if
+    one is out of range, BuildError (a ValueError) if the scene cannot be built at this sample rate; and
+    RenderInterrupted (a KeyboardInterrupt) at Ctrl-C, if something is rendered by then."""
     seconds = scene.seconds if seconds is None else seconds
     _check_arguments(seconds, samplerate, cores)
     used = scene.accuracy.replace(**accuracy)
     fine = samplerate * used.oversample
     start = time.perf_counter()
-    model, state, layout = built = build(scene, fine, used, seconds)
+    built = build(scene, fine, used, seconds)
+    watched = watch_contacts(scene, built, used, seconds)
+    model, state, layout = watched.built
     build_seconds = time.perf_counter() - start
-    exchanges = scored_exchanges(scene, built, accuracy=used, seconds=seconds)
-    simulation = Simulation(model, state, cores or os.cpu_count() or 1, kernel=kernel, exchanges=exchanges)
+    table_digest = digest_tables(built.model, built.state)  # before anything moves
+    tables = scored_tables(watched.scene, watched.built, accuracy=used, seconds=seconds)
+    simulation = Simulation(model, state, cores or usable_cores(), kernel=kernel, tables=tables)
     frames = frame_count(seconds, samplerate) * used.oversample
     audio = np.zeros((frames + decimation_tail(used.oversample), scene.channels))
     kept = allocate_trace(model, len(audio)) if trace or trace_shapes else None
     snapshots = ShapeSnapshots(simulation, layout, frames) if trace_shapes else None
     renderer: Renderer = snapshots or simulation
-    stretching = None
-    if state.tension is not None:
-        renderer = stretching = StretchingRecord(renderer, state, layout, FRAMES_OF_RENDER, only_beyond=True)
-    elapsed = _render_in_chunks(renderer, audio[:frames], kept, progress)
-    simulated = simulation_statistics(simulation)
+    touches = None
+    if watched.contacts:
+        renderer = touches = BriefContactRecord(renderer, watched, used, scene.channels)
+    motion = LargeMotion(model, state, layout)
+    if motion.has_limits:
+        renderer = MotionRecord(renderer, motion)
+    chunks = _Chunks(renderer, simulation, audio[:frames], kept)
+    interruption = None
+    try:
+        chunks.render(progress)
+    except KeyboardInterrupt as stop:  # what there is can be kept
+        interruption = stop
+        frames = max(0, chunks.done - decimation_tail(used.oversample)) // used.oversample * used.oversample
+        audio = audio[: chunks.done]
+        if frames == 0:
+            raise
+    simulated = simulation_statistics(simulation, chunks.energy_totals)
     if used.oversample > 1:
-        simulation.render_block(audio[frames:], None if kept is None else trace_rows(kept, frames, len(audio)))
+        if interruption is None:
+            tail = np.zeros((len(audio) - frames, watched.scene.channels))
+            simulation.render_block(tail, None if kept is None else trace_rows(kept, frames, len(audio)))
+            audio[frames:] = tail[:, : scene.channels]
         audio = decimate(audio, used.oversample, frames // used.oversample)
     audio = apply_tremolo(audio, scene.tremolo, samplerate)
+    brief_contacts = [] if touches is None else touches.statistics()
     finite = bool(np.isfinite(audio).all())
     reasons = explain_build_doubts(scene.model_copy(update={"accuracy": used}), layout, model)
     reasons += explain_doubts(simulated.newton, simulated.energy.error_max, finite, used.precision)
@@ -89,11 +114,12 @@ def render_arrays(
         samplerate=samplerate,
         channels=audio.shape[1],
         peak=float(np.max(np.abs(audio))),
-        real_time_factor=frames / fine / elapsed,
-        ns_per_sample=elapsed / len(audio) * 1e9,
+        real_time_factor=frames / fine / chunks.elapsed,
+        ns_per_sample=chunks.elapsed / len(audio) * 1e9,
         build_seconds=build_seconds,
         cores=simulation.cores if kept is None else 1,
         kernel=simulation.kernel,
+        table_digest=table_digest,
         islands=island_statistics(layout),
         accuracy=used.model_dump(),
         trusted=not reasons,
@@ -102,14 +128,20 @@ def render_arrays(
             *warnings(scene),
             *warn_of_strong_loss(state, used.order),
             *warn_of_capped_samples(state, used),
-            *(stretching.warnings(fine) if stretching is not None else []),
+            *motion.warnings(fine),
+            *warn_of_infrasound(scene, audio, samplerate),
+            *warn_of_brief_contacts(brief_contacts, used),
         ],
+        brief_contacts=brief_contacts,
     )
     named = None if kept is None else name_columns(trace_rows(kept, 0, frames), layout, fine)
     if named is not None and snapshots is not None:
         named["units"] = np.concatenate([named["units"], snapshots.units])
-        named = cast(TraceArrays, {**named, **snapshots.arrays(fine)})
-    return RenderedArrays(audio, samplerate, stats, named)
+        named = cast(TraceArrays, {**named, **snapshots.arrays(fine, frames)})
+    rendered = RenderedArrays(audio, samplerate, stats, named)
+    if interruption is not None:
+        raise RenderInterrupted(rendered) from interruption
+    return rendered
 
 
 def _check_arguments(seconds: float, samplerate: int, cores: int | None) -> None:
@@ -121,26 +153,47 @@ def _check_arguments(seconds: float, samplerate: int, cores: int | None) -> None
         raise ValueError(f"cores = {cores} is out of range; at least 1")
 
 
-def _render_in_chunks(
-    renderer: Renderer,
-    audio: np.ndarray,
-    trace: Trace | None,
-    progress: Callable[[float], None] | None,
-) -> float:
-    """Fill audio [frames, channels] in chunks of about equal time. Returns the seconds that took, compiling apart."""
-    renderer.render_block(audio[:0], None if trace is None else trace_rows(trace, 0, 0))  # compile
-    elapsed, end, size = 0.0, 0, FIRST_CHUNK_FRAMES
-    while end < len(audio):
-        begin, end = end, min(end + size, len(audio))
-        part = None if trace is None else trace_rows(trace, begin, end)
-        start = time.perf_counter()
-        renderer.render_block(audio[begin:end], part)
-        taken = time.perf_counter() - start
-        elapsed += taken
-        if taken < QUICK_CHUNK_SECONDS:
-            size = min(8 * size, MAX_CHUNK_FRAMES)
-        elif taken > 16 * QUICK_CHUNK_SECONDS:
-            size = max(1, size // 8)
+class _Chunks:
+    """A rendering in chunks of about equal time.
+
+    simulation:    what the renderer advances
+    audio:         [frames, channels], to be filled
+    done:          frames that are rendered
+    elapsed:       s, that they took, compiling apart
+    energy_totals: of the simulation at the last frame, before its step; None until then
+    """
+
+    def __init__(self, renderer: Renderer, simulation: Simulation, audio: np.ndarray, trace: Trace | None) -> None:
+        self._renderer, self._simulation, self._audio, self._trace = renderer, simulation, audio, trace
+        self.done, self.elapsed = 0, 0.0
+        self.energy_totals: np.ndarray | None = None
+
+    def render(self, progress: Callable[[float], None] | None) -> None:
+        """Fill the audio. progress: called with the share that is done, first with 0"""
+        self._render_to(0)  # compile
+        size = FIRST_CHUNK_FRAMES
         if progress is not None:
-            progress(end / len(audio))
-    return elapsed
+            progress(0.0)
+        last = len(self._audio) - 1
+        while self.done < last:
+            taken = self._render_to(min(self.done + size, last))
+            if taken < QUICK_CHUNK_SECONDS:
+                size = min(8 * size, MAX_CHUNK_FRAMES)
+            elif taken > 16 * QUICK_CHUNK_SECONDS:
+                size = max(1, size // 8)
+            if progress is not None:
+                progress(self.done / len(self._audio))
+        self.energy_totals = self._simulation.energy_totals()
+        self._render_to(last + 1)
+        if progress is not None:
+            progress(1.0)
+
+    def _render_to(self, end: int) -> float:
+        """Render all up to a frame. Returns the seconds that took."""
+        rows = None if self._trace is None else trace_rows(self._trace, self.done, end)
+        start = time.perf_counter()
+        self._renderer.render_block(self._audio[self.done : end], rows)
+        taken = time.perf_counter() - start
+        if end > 0:
+            self.elapsed, self.done = self.elapsed + taken, end
+        return taken

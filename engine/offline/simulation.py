@@ -1,22 +1,22 @@
 """Advances a Model: its partitions one after another or on several cores, with the same samples bit for bit."""
 
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from engine.assembly.table_changes import ScoredExchanges
+from engine.assembly.layout import Layout
+from engine.assembly.table_changes import TableChanges
 from engine.compiler.background import compile_beside
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.data.enums import BALANCE_SIZE, Energies
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State, Trace
-from engine.offline.energy_statistics import EnergyStatistics, energy_statistics
+from engine.offline.energy_statistics import EnergyStatistics, energy_statistics, find_energy_totals
 from engine.offline.trace import trace_rows
 from engine.runtime.exchange import INSERT_USE, exchange_tables
 from engine.runtime.helpers import start_helpers
-from engine.runtime.job_memory import RENDER_USE, JobMemory
+from engine.runtime.job_memory import RENDER_USE, JobMemory, TracedJob
 from engine.runtime.kernel_choice import is_ready, prepare
 
 MIN_BUFFER_FRAMES = 4096  # that a block may have at first: so many need no second memory
@@ -27,7 +27,7 @@ class Simulation:
 
     cores:          how many to use; more than the scene has partitions are of no use
     measure_energy: of every sample
-    exchanges:      of tables, as a score asks for them
+    tables:         that a score changes
     kernel:         which is to run (engine.runtime.kernel_choice); `kernel` says which does
     """
 
@@ -38,19 +38,19 @@ class Simulation:
         cores: int = 1,
         measure_energy: bool = True,
         kernel: str | None = None,
-        exchanges: ScoredExchanges | None = None,
+        tables: TableChanges | None = None,
     ) -> None:
-        self._exchanges, self._frame = exchanges, 0
+        self._tables, self._frame = tables, 0
         self.model, self.state, self.measure_energy = model, state, measure_energy
         self._energies = Energies.AT_EACH_SAMPLE if measure_energy else Energies.NEVER
         self.partitions = model.islands.partition.size - 1
         self.cores = min(cores, self.partitions)
         self._balance = np.zeros(BALANCE_SIZE)
-        uses = [RENDER_USE, *([INSERT_USE] if exchanges else [])]
+        uses = [RENDER_USE, *([INSERT_USE] if tables else [])]
         prepared = prepare([model], state, uses, kernel)
         self.is_compiled = is_ready(prepared, uses)  # or the first block waits for it
         compile_beside(prepared.missing)
-        self.kernel = prepared.name
+        self.kernel, self.kinds = prepared.name, prepared.kinds
         (model_handle,), state_handle = prepared.handles()
         self._handles = model_handle, state_handle
         self._memory: JobMemory | None = None
@@ -66,13 +66,28 @@ class Simulation:
             if begin == frames:
                 return
 
+    def render_sample(self, job: TracedJob) -> None:
+        """Render the next sample by a job of memory_of. Tables are exchanged before (exchange_due_tables)."""
+        job.render(1)
+        self._frame += 1
+
+    def exchange_due_tables(self) -> None:
+        """Do the exchanges of tables that are due before the next sample."""
+        self._frames_until_exchange(1)
+
+    @property
+    def layout_of_tables(self) -> Layout | None:
+        """The layout that the tables in use follow from; None if no score changes them."""
+        return None if self._tables is None else self._tables.layout
+
     def _frames_until_exchange(self, frames: int) -> int:
         """Do the exchanges that are due now. Returns for how many frames there are no more, or `frames`."""
-        if self._exchanges is None or frames == 0:
+        if self._tables is None or frames == 0:
             return frames
-        for exchange in self._exchanges.due(self._frame):
+        for exchange in self._tables.due(self._frame):
             exchange_tables(*self._handles, exchange, self._frame)
-        following = self._exchanges.next_frame
+        self._tables.forget_before(self._frame + 1)
+        following = self._tables.next_frame
         return frames if following is None else following - self._frame
 
     def _render(self, audio: np.ndarray, trace: Trace | None) -> None:
@@ -93,22 +108,38 @@ class Simulation:
             self._memory.use_helpers(self._helpers)
         return self._memory
 
-    def memory_of(self, change: Callable[[Model], Model], channels: int) -> JobMemory:
-        """Make the memory for single samples of a changed model, with the same state and balance; on one core.
+    @property
+    def as_compiled(self) -> tuple[Model, State]:
+        """The Model and the State as the kernel takes them: a general one has numbers of all effects. They share their
+        arrays with `model` and `state`."""
+        return self._handles[0].value, self._handles[1].value
 
-        change: gives a model of the same kind, which differs in what is traced
+    def memory_of(self, model: Model, state: State, channels: int) -> JobMemory:
+        """Make the memory for single samples, with the same balance; on one core.
+
+        model, state: of the kinds of `as_compiled`, which differ in what is traced
         """
-        model, state = self._handles
-        return JobMemory(StructHandle(change(model.value)), state, (1, channels), self._energies, self._balance)
+        model_handle, state_handle = (
+            StructHandle(value, handle.kind) for value, handle in zip((model, state), self._handles, strict=True)
+        )
+        return JobMemory(model_handle, state_handle, (1, channels), self._energies, self._balance)
 
-    def energies(self) -> EnergyStatistics:
-        """Energies up to now."""
-        return energy_statistics(self._balance, self.state.energy_totals)
+    def energy_totals(self) -> np.ndarray:
+        """Return State.energy_totals up to now: before the next step."""
+        return find_energy_totals(self.model, self.state, self._frame)
+
+    def energies(self, totals: np.ndarray | None = None) -> EnergyStatistics:
+        """Energies up to now. totals: energy_totals of the sample whose energies are the last ones; of now if None"""
+        return energy_statistics(self._balance, self.energy_totals() if totals is None else totals)
+
+
+# time of this thread, so that a busy machine costs nothing, where the system measures it finely (Windows in 16 ms)
+THREAD_CLOCK = time.thread_time if time.get_clock_info("thread_time").resolution < 1e-5 else time.perf_counter
 
 
 def time_block(simulation: Simulation, audio: np.ndarray) -> float:
-    """Seconds that a block takes, its memory being there."""
+    """Seconds that a block takes on one core, its memory being there."""
     simulation.memory(*audio.shape)
-    begin = time.perf_counter()
+    begin = THREAD_CLOCK()
     simulation.render_block(audio)
-    return time.perf_counter() - begin
+    return THREAD_CLOCK() - begin

@@ -9,10 +9,13 @@ from engine.assembly.layout import Layout
 from engine.kernel.data.enums import Sleep, SolveStatus
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
+from engine.offline.brief_contacts import BriefContact
 from engine.offline.effects import EffectStatistics, effects_of
 from engine.offline.energy_statistics import EnergyStatistics
 from engine.offline.simulation import Simulation
 from engine.offline.statistics_base import Statistics
+
+UNCONVERGED = (SolveStatus.CAPPED, SolveStatus.REVERSED, SolveStatus.LOOSE_TENSION)
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,9 @@ class NewtonStatistics(Statistics):
     mean: float
     p99: int
     max: int
-    unconverged: int
+    unconverged: int  # contact solves that did not converge: capped ones, and those of the next two
+    reversed_steps: int  # the motion was turned back instead
+    loose_tensions: int  # the tension of a stretching body was taken with more than rounding left
     histogram: list[int]  # solves by their evaluations
     solve_outcomes: SolveOutcomes
 
@@ -103,24 +108,26 @@ class RenderStatistics(SimulationStatistics):
     build_seconds: float
     cores: int
     kernel: str  # special or general (engine.runtime.kernel_choice)
+    table_digest: str  # of the tables that it began with (engine.assembly.table_digest)
     islands: IslandStatistics
     accuracy: dict[str, Any]  # the settings that were used
     trusted: bool
     reasons: list[str]  # why not
     warnings: list[str]
+    brief_contacts: list[BriefContact]  # that last only a few steps
     patch: str | None = None  # the path of the patch, and of the sound; the command knows them
     output: str | None = None
 
 
-def simulation_statistics(simulation: Simulation) -> SimulationStatistics:
-    """Newton iterations, energy, effects and activity of a scene up to now."""
+def simulation_statistics(simulation: Simulation, totals: np.ndarray | None = None) -> SimulationStatistics:
+    """Newton iterations, energy, effects and activity of a scene up to now. totals: as of Simulation.energies"""
     model, state = simulation.model, simulation.state
     frames = max(1, int(state.frame[0]))
     contact = float(np.mean(state.contact_samples / frames))
     asleep = float(np.mean(state.sleep[:, Sleep.SAMPLES_SLEPT] / frames))
     return SimulationStatistics(
         newton=newton_statistics(model, state),
-        energy=simulation.energies(),
+        energy=simulation.energies(totals),
         effects=effects_of(model),
         activity=Activity(1 - contact - asleep, contact, asleep),
     )
@@ -152,7 +159,9 @@ def newton_statistics(model: Model, state: State) -> NewtonStatistics:
         mean=float(histogram @ np.arange(histogram.size) / solves) if solves else 0.0,
         p99=int(np.searchsorted(reached, 0.99 * solves)) if solves else 0,
         max=int(np.flatnonzero(histogram)[-1]) if solves else 0,
-        unconverged=int(outcomes[SolveStatus.FAILED]),
+        unconverged=int(sum(outcomes[status] for status in UNCONVERGED)),
+        reversed_steps=int(outcomes[SolveStatus.REVERSED]),
+        loose_tensions=int(outcomes[SolveStatus.LOOSE_TENSION]),
         histogram=np.trim_zeros(histogram, "b").tolist(),
         solve_outcomes=SolveOutcomes(
             free=int(np.sum(free[with_contacts])),

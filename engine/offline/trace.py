@@ -8,6 +8,7 @@ import numpy as np
 
 from engine.assembly.build import trace_points
 from engine.assembly.layout import Layout
+from engine.bodies.tips import middle_of
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import Trace
 from engine.patch.friction import Friction
@@ -24,7 +25,8 @@ class TraceArrays(TypedDict):
     """The arrays of a trace by name, as `rendering.trace` has them and `fdh render --trace` writes them.
 
     time:         [n], s; sample 0 is the initial state
-    displacement: [n, bodies], m; where each body is traced is in `positions`
+    displacement: [n, bodies], m; where each body is traced is in `positions`: at its first pickup, contact or force,
+                  masses and oscillators always; NaN of others
     velocity:     [n, bodies], m/s
     compression:  [n, contacts], m: positive in contact, negative apart; NaN of a contact that can never touch. A
                   contact at several points has a column for each
@@ -32,7 +34,8 @@ class TraceArrays(TypedDict):
     iterations:   [n], of the contact solve
     kinetic, potential, contact, dissipated, supplied, total: [n], J
     bodies, contacts: the names of the columns
-    positions:    [bodies], as JSON: a place as in a patch, `null` of a body of one mode; "" where a body is not traced
+    positions:    [bodies], as JSON: a place as in a patch, `null` of a mass or oscillator; "" of a body that is not
+                  traced
     contact_positions: [contacts], as JSON: the place on the body, and on the other
     slip:         [n, frictions], m/s: how fast surfaces slip past each other; this and the next five with friction
     friction:     [n, frictions], N, on the body, upwards; the mean over the step that ends at the sample
@@ -95,8 +98,8 @@ def trace_rows(trace: Trace, begin: int, end: int) -> Trace:
 
 def name_columns(trace: Trace, layout: Layout, samplerate: int) -> TraceArrays:
     """The arrays of a trace by their public names, columns in the order of the patch; and what each column is."""
-    frames = trace.iterations.size
-    body = np.argsort(layout.islands.body_order)
+    frames, labels = trace.iterations.size, column_labels(layout)
+    body, is_traced = np.argsort(layout.islands.body_order), labels["positions"] != ""
     begin = column_begins(layout)
     contacts = begin[len(layout.scene.contact)]
     compression, force = np.full((frames, begin[-1]), np.nan), np.zeros((frames, begin[-1]))  # NaN: not built
@@ -105,13 +108,13 @@ def name_columns(trace: Trace, layout: Layout, samplerate: int) -> TraceArrays:
         begin[k] += 1
     arrays = {
         "time": np.arange(frames) / samplerate,
-        "displacement": trace.displacement[:, body],
-        "velocity": trace.velocity[:, body],
+        "displacement": np.where(is_traced, trace.displacement[:, body], np.nan),
+        "velocity": np.where(is_traced, trace.velocity[:, body], np.nan),
         "compression": compression[:, :contacts],
         "force": force[:, :contacts],
         **{name: getattr(trace, name) for name in ("iterations", *ENERGIES[:-1])},
         "total": trace.kinetic + trace.potential + trace.contact,
-        **column_labels(layout),
+        **labels,
         **(friction_arrays(layout, compression[:, contacts:], force[:, contacts:]) if layout.scene.friction else {}),
         "samplerate": np.array(samplerate),
         "units": np.array([*(UNITS | (FRICTION_UNITS if layout.scene.friction else {})).items()]),
@@ -148,7 +151,7 @@ def label_points(
 def column_labels(layout: Layout) -> dict[str, np.ndarray]:
     """Return the labels of the columns of a trace: names of bodies and contacts, and positions as JSON."""
     scene, points = layout.scene, trace_points(layout)
-    places = {p.body: json.dumps(p.position) for p in points if p.body is not None}
+    places = {p.body: json.dumps(middle_of(p.position)) for p in points if p.body is not None}
     contacts, contact_places = label_points(layout, contact_names(scene), scene.contact)
     return {
         "bodies": np.array([body.name for body in scene.body], dtype=str),

@@ -96,8 +96,10 @@ def explain_doubts(
     reasons = []
     if not finite:
         reasons.append("samples are not finite")
-    if newton.unconverged:
-        reasons.append(f"{newton.unconverged} contact solves failed, and the motion was reversed there")
+    if newton.reversed_steps:
+        reasons.append(f"the forces of {newton.reversed_steps} steps were not found, and the motion was reversed there")
+    if newton.loose_tensions:
+        reasons.append(f"the tensions of {newton.loose_tensions} steps were not found to the last digits")
     if not math.isfinite(energy_error):
         reasons.append("the energies are not finite")
     elif energy_error > MAX_ENERGY_ERROR[precision]:

@@ -1,6 +1,5 @@
 """Accuracy settings of a scene: smaller errors for more time (docs/design.md, sec. 2)."""
 
-import math
 from enum import Enum, auto
 from typing import Any, Literal, NamedTuple
 
@@ -14,6 +13,7 @@ from engine.wording import describe_violation
 MAX_SUBSTEPS = 8192
 MAX_OVERSAMPLE = 32
 ORDER_4_ERROR = 1e-3  # as small an error needs less time at order 4 than at order 2 (docs/accuracy.md)
+STEPS_WITH_FRICTION = 2  # per sample, if a patch gives none: the pitch of a bowed string is right (docs/accuracy.md)
 SMALLEST_ERROR, LARGEST_ERROR = 1e-12, 0.1  # that can be asked for
 
 
@@ -27,7 +27,12 @@ class Accuracy(Table):
     order: Literal[2, 4, 6] = Field(
         default=2, description="order of accuracy; with 6, what loss adds to the error is of order 4"
     )
-    substeps: int = Field(default=1, ge=1, le=MAX_SUBSTEPS, description="steps per sample where contact is possible")
+    substeps: int = Field(
+        default=1,
+        ge=1,
+        le=MAX_SUBSTEPS,
+        description=f"steps per sample where contact is possible; if absent, 1, or {STEPS_WITH_FRICTION} with friction",
+    )
     max_error: float | None = Field(
         default=None,
         ge=SMALLEST_ERROR,
@@ -83,6 +88,14 @@ class Accuracy(Table):
             raise BuildError(Fault("accuracy.max_substeps", "has no effect without max_error; give that too"))
         return changed
 
+    def beside_friction(self) -> "Accuracy":
+        """This setting in a scene with friction: if it says nothing of steps, they are those that friction needs."""
+        if "substeps" in self.model_fields_set or self.max_error is not None:
+            return self
+        changed = self.model_copy(update={"substeps": STEPS_WITH_FRICTION})
+        changed.model_fields_set.discard("substeps")  # a patch that is written from this one does not give it
+        return changed
+
     def coarser(self) -> list["Accuracy"]:
         """This setting, and coarser ones down to one step of order 2 per sample."""
         values = [self]
@@ -103,7 +116,7 @@ class Accuracy(Table):
     @property
     def levels(self) -> int:
         """The number of times that the steps of a sample may be doubled."""
-        return 0 if self.max_error is None else int(math.log2(max(1, self.max_substeps // self.substeps)))
+        return 0 if self.max_error is None else max(1, self.max_substeps // self.substeps).bit_length() - 1
 
 
 class StageLoss(Enum):
@@ -131,7 +144,7 @@ def _stages(lengths: list[float]) -> list[Stage]:
     return [*half, Stage(1 - 2 * sum(lengths), StageLoss.NONE), *half[::-1]]
 
 
-SUZUKI_LENGTH = 1 / (4 - 4 ** (1 / 3))
+SUZUKI_LENGTH = 1 / (4 - 1.5874010519681994)  # the third root of 4
 KAHAN_LENGTHS = [0.39216144400731413928, 0.33259913678935943860, -0.70624617255763935981, 0.082213596293550800230]
 STAGES: dict[int, list[Stage]] = {
     2: [Stage(1.0, StageLoss.ALL)],

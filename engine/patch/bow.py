@@ -8,7 +8,7 @@ from pydantic import Field, ValidationError
 from pydantic_core import InitErrorDetails
 
 from engine.bodies.table import KeyPath, Name, Positions, Table, make_fault
-from engine.patch.friction import Bristle, Dynamic, Force, Memory, Speed, Static
+from engine.patch.friction import Bristle, BristleDamping, Curve, Dynamic, Force, Memory, Speed, Static, Viscous
 from engine.patch.tables import ANGLE, MAX_ENVELOPE_POINTS, MAX_SECONDS, Angle, EnvelopePoint, Seconds
 
 MAX_STROKES = 1_000
@@ -60,7 +60,10 @@ class Bow(Table):
     dynamic: Dynamic
     speed: Speed
     memory: Memory
+    curve: Curve
+    viscous: Viscous
     bristle: Bristle
+    bristle_damping: BristleDamping
     strokes: list[Stroke] = Field(
         default=[],
         max_length=MAX_STROKES,

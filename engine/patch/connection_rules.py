@@ -59,6 +59,8 @@ def _check_air(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) -> 
             )
     if is_given(table, "on") and table["on"] == table.get("body"):
         yield make_fault((*path, "on"), table["on"], "both sides are the same body", "name another body")
+    if on is not None and on_kind is None:
+        return  # a fault by itself; whether there is a volume or a wall depends on it
     is_sheet_below = on_kind is None or issubclass(on_kind, FlatSheet)
     if (is_sheet_below or on_kind is AirBox) and (on_kind is AirBox) == is_given(table, "volume"):
         remedy = "the air of a box has its own" if on_kind is AirBox else "give its volume in m³"

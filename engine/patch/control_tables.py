@@ -8,6 +8,7 @@ from engine.bodies.table import Table
 
 MAX_CHANNEL = 16  # of MIDI
 MAX_SMOOTHING = 60.0  # s
+MAX_LIFT = 1.0  # s
 MAX_BEND_RANGE = 96.0  # semitones
 
 Value = Annotated[float, Field(ge=-1e60, le=1e60)]
@@ -74,6 +75,19 @@ Control = Annotated[
 
 class Midi(Table):
     """MIDI settings. A controller can also set MPE zones itself (MPE Configuration Message)."""
+
+    channels: Literal["auto", "apart", "together"] = Field(
+        default="auto",
+        description="at a port, whether wheel, pedals and controllers act on the notes of their own channel (apart) or"
+        " on all (together); auto: apart as soon as notes come on a second channel. In a file, they are always apart",
+    )
+    shortest_lift: float = Field(
+        default=0.1,
+        ge=0.0,
+        le=MAX_LIFT,
+        description="in a file, the shortest time for which a sustain pedal that was down is up, s: one that goes down"
+        " again sooner does so later. 0: as the file has it",
+    )
 
     bend_range: float = Field(
         default=2.0, ge=0.0, le=MAX_BEND_RANGE, description="range of the pitch wheel, in semitones up and down"

@@ -10,11 +10,12 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from engine.bodies.table import KeyPath
-from engine.patch.keyword_hints import explain_key, explain_kind
+from engine.patch.keyword_hints import PAGES, explain_key, explain_kind
 from engine.patch.scene_tables import SceneTables
-from engine.wording import describe_range, format_value, to_one_line
+from engine.wording import describe_range, format_value, join_with_or, to_one_line
 
 MAX_KEY_CHARACTERS = 80  # of a key in a message
+MAX_NEAREST = 3  # kinds that are named for an unknown one
 
 TYPE_NAMES = {"float_type": "a number", "int_type": "a whole number", "string_type": 'text in "quotes"'}
 
@@ -137,9 +138,28 @@ def _describe_key_error(error: Any, location: Location) -> str:
     if kind == "union_tag_not_found":
         return f"kind is missing; give one of {', '.join(models)}"
     if kind == "union_tag_invalid":
-        tag = str(error.get("ctx", {}).get("tag"))
-        return f"unknown kind {format_value(tag)}; {explain_kind(str(path[0]), tag) or suggestion(tag, list(models))}"
+        tag, section = tag_of(error), section_of_kind(path)
+        return f"unknown kind {format_value(tag)}; {explain_kind(section, tag) or _nearest_kinds(tag, models, section)}"
     return ""
+
+
+def tag_of(error: Any) -> str:
+    """The unknown kind that an error is of."""
+    return str(error.get("ctx", {}).get("tag"))
+
+
+def section_of_kind(path: KeyPath) -> str:
+    """The section, or the key of a table within one, whose kinds are meant at the path of a table."""
+    return next(str(part) for part in reversed(path) if isinstance(part, str))
+
+
+def _nearest_kinds(tag: str, kinds: Iterable[str], section: str) -> str:
+    """The known kinds most like an unknown one, or all of them, and the page that describes them."""
+    near = difflib.get_close_matches(tag[:MAX_KEY_CHARACTERS], list(kinds), MAX_NEAREST, 0.6)
+    page = f" ({PAGES[section]})" if section in PAGES else ""
+    if near:
+        return f"did you mean {join_with_or(map(format_value, near))}?{page}"
+    return f"the known ones are {', '.join(kinds)}{page}"
 
 
 def _describe_table_error(error: Any, location: Location) -> str:

@@ -5,7 +5,7 @@ answers what assembly asks of a contact.
 """
 
 from collections.abc import Iterator
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 from pydantic_core import InitErrorDetails
@@ -19,6 +19,8 @@ Faults = Iterator[InitErrorDetails]
 
 CHANGED_KEYS = ("velocity", "force", "static", "dynamic", "speed", "memory", "bristle")  # in the order of Sliding
 
+DAMPING_TIME = 2e-5  # s: damping of a bristle over its stiffness, if a patch gives none; it settles within 0.1 ms
+
 Force = Annotated[float, Field(ge=0.0, le=1e6)]
 Static = Annotated[float, Field(default=0.8, ge=0.0, le=10.0, description="coefficient of friction at rest")]
 Dynamic = Annotated[float, Field(default=0.3, ge=0.0, le=10.0, description="coefficient of friction in fast slip")]
@@ -28,11 +30,32 @@ Speed = Annotated[
 ]
 Memory = Annotated[
     float,
-    Field(default=0.0, ge=0.0, le=0.1, description="time in which the coefficient follows the speed, s; 0: one sample"),
+    Field(default=0.0, ge=0.0, le=0.1, description="time in which the coefficient follows the speed, s; 0: at once"),
+]
+Curve = Annotated[
+    Literal["hyperbolic", "exponential"],
+    Field(
+        default="hyperbolic",
+        description="how the coefficient falls from static to dynamic with the speed v of slip: as 1/(1 + v/speed), or"
+        " as e^(-(v/speed)²)",
+    ),
+]
+Viscous = Annotated[
+    float,
+    Field(default=0.0, ge=0.0, le=1e3, description="rise of the coefficient by the speed of slip, s/m"),
 ]
 Bristle = Annotated[
     float,
     Field(default=1e5, ge=1.0, le=1e12, description="stiffness at which the surfaces stick to each other, N/m"),
+]
+BristleDamping = Annotated[
+    float | None,
+    Field(
+        default=None,
+        ge=0.0,
+        le=1e9,
+        description="damping of that, kg/s; if absent, bristle times 20 µs. It follows changes of bristle",
+    ),
 ]
 
 
@@ -58,7 +81,10 @@ class Friction(Table):
     dynamic: Dynamic
     speed: Speed
     memory: Memory
+    curve: Curve
+    viscous: Viscous
     bristle: Bristle
+    bristle_damping: BristleDamping
 
     # what assembly asks of a contact, too
     side: ClassVar[str] = "above"

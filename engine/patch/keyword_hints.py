@@ -35,12 +35,28 @@ KINDS: dict[str, dict[str, str]] = {
     | dict.fromkeys(("box", "cavity", "helmholtz"), 'kind = "air": the air in a box, with or without a hole')
     | dict.fromkeys(("resonator", "pipe"), 'kind = "tube"; of a box with a hole, kind = "air"')
     | dict.fromkeys(("drum", "head", "skin"), 'kind = "membrane"; the shell of a drum is kind = "shell"')
-    | {"cylinder": 'kind = "shell"', "beam": 'kind = "bar"'},
+    | {"cylinder": 'kind = "shell"', "ball": 'kind = "mass"', "spring_mass": 'kind = "oscillator"'}
+    | dict.fromkeys(("beam", "rod", "tine", "tongue", "fork"), 'kind = "bar"')
+    | dict.fromkeys(("wire", "cord"), 'kind = "string"')
+    | dict.fromkeys(("disc", "disk", "sheet"), 'kind = "plate", with a radius or a size'),
     "connection": dict.fromkeys(("glue", "rigid", "joint", "fixed", "weld"), 'kind = "spring" with rigid = true')
     | dict.fromkeys(("cavity", "volume", "box"), 'kind = "air"')
     | dict.fromkeys(("drive", "one_way"), 'kind = "end" with one_way = true')
     | {"damper": 'kind = "spring" with a damping_coefficient', "dashpot": 'kind = "spring" with a damping_coefficient'}
     | dict.fromkeys(("bridge", "string_end"), 'kind = "end"'),
+}
+
+
+# by the section or key that a kind stands in, the page that says which there are and what is of each
+PAGES = {
+    "body": "docs/patches.md#bodies-body",
+    "connection": "docs/patches.md#connections-connection",
+    "force": "docs/patches.md#forces-force",
+    "event": "docs/patches.md#events-event",
+    "control": "docs/patches.md#controls-control",
+    "decay": "docs/bodies.md#damping",
+    "displacement": "docs/bodies.md#initial-state",
+    "velocity": "docs/bodies.md#initial-state",
 }
 
 

@@ -49,7 +49,14 @@ _ANSWERS: tuple[tuple[str, str, str], ...] = (
     (
         'there are no other shapes than the kinds of bodies; read other modes from a file, with kind = "modes"',
         "shapes",
-        "mesh fem geometry stl obj bell gong cymbal cone horn",
+        "mesh fem geometry stl obj cone horn sphere dome block",
+    ),
+    (
+        'a bell, bowl, glass or gong is kind = "modes": its modes by frequency and decay time, measured or known;'
+        ' nearest by shape are kind = "shell", a cylinder, and "plate", a disc',
+        "shapes",
+        "bell bells glass wine_glass wineglass bowl singing_bowl cup goblet bottle jar vase chime gong cymbal tam_tam"
+        " tamtam crotale",
     ),
     (
         "bodies do not break, wear or change",

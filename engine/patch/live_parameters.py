@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ValidationError
 
 from engine.patch.friction import CHANGED_KEYS
-from engine.patch.live_ranges import live_range
+from engine.patch.live_ranges import FACTORS, live_range
 from engine.patch.renamed_keys import RENAMED
 from engine.patch.tables import SpringConnection
 from engine.wording import describe_violation
@@ -30,6 +30,7 @@ LEVEL_KEYS = ("gain", "pan")  # of pickups: nothing has to be built for these
 FIRST_KEYS = ("displacement", "velocity")  # of bodies: what they begin with, which nothing changes later
 MAX_NAMES = 12  # in a message
 SECTIONS = ("body", "contact", "connection", "friction", "force", "pickup")
+OUTPUT = "output"  # section of the gains of channels, which no patch has
 
 
 class LivePath(NamedTuple):
@@ -48,8 +49,18 @@ class LivePath(NamedTuple):
 
     @property
     def is_level(self) -> bool:
-        """True if it is a level of a pickup."""
-        return self.section == "pickup" and self.keys[0] in LEVEL_KEYS
+        """True if it is a level of a pickup, or of a channel."""
+        return (self.section == "pickup" and self.keys[0] in LEVEL_KEYS) or self.section == OUTPUT
+
+
+def output_paths(channels: int) -> dict[str, LivePath]:
+    """List the gains of the channels of the sound, by path: a session sets them, and no user."""
+    return {output_gain_path(n): LivePath(OUTPUT, n, ("gain",)) for n in range(channels)}
+
+
+def output_gain_path(channel: int) -> str:
+    """The path of the gain of a channel, from 0."""
+    return f"{OUTPUT}.{channel}.gain"
 
 
 def live_paths(scene: Any, variable_exponents: bool = False) -> dict[str, LivePath]:
@@ -140,6 +151,8 @@ def explain_unknown(parameter: str, known: Sequence[str]) -> str:
 
 def value_at(scene: Any, path: LivePath) -> float:
     """The value that a patch gives a live parameter; a list of offsets moves by its first."""
+    if path.section == OUTPUT:
+        return float(scene.output_gain(path.number))
     value: Any = getattr(scene, path.section)[path.number] if path.section else scene
     for key in path.keys:
         value = getattr(value, str(key)) if isinstance(value, BaseModel) else value[key]
@@ -150,7 +163,7 @@ def value_at(scene: Any, path: LivePath) -> float:
 
 def check_range(scene: Any, path: LivePath, parameter: str, value: float) -> None:
     """Raise ValueError if a live parameter cannot have a value. parameter: its path as one writes it"""
-    limits = live_range(scene, path.section, path.number, path.keys)
+    limits = FACTORS if path.section == OUTPUT else live_range(scene, path.section, path.number, path.keys)
     if value not in limits:
         raise ValueError(f"{parameter} = {value:g} is out of range; {limits}")
 
@@ -164,6 +177,8 @@ def with_value(scene: Any, path: LivePath, parameter: str, value: float) -> Any:
     check_range(scene, path, parameter, value)
     if not path.section:
         return scene.model_copy(update={"gravity": value})
+    if path.section == OUTPUT:
+        return scene.with_output_gain(path.number, value)
     table = getattr(scene, path.section)[path.number]
     data = table.model_dump(exclude_unset=True)
     _put(data, path.keys, value)
@@ -176,7 +191,8 @@ def with_value(scene: Any, path: LivePath, parameter: str, value: float) -> Any:
         for fault in type(table).faults((path.section, path.number), data):
             raise ValueError(f"{parameter} = {value:g}: {fault['type']}")
     tables = [*getattr(scene, path.section)]
-    tables[path.number] = changed
+    values = {name: getattr(changed, name) for name in changed.model_fields_set}
+    tables[path.number] = table.model_copy(update=values)  # with what no patch says of it
     return scene.model_copy(update={path.section: tables})
 
 

@@ -52,6 +52,9 @@ class LiveRange(NamedTuple):
         return ("0, or " if self.may_be_zero else "") + text + (f" {self.unit}" if self.unit else "")
 
 
+FACTORS = LiveRange(0.0, math.inf)  # of gains of channels
+
+
 def live_range(scene: Any, section: str, number: int, keys: tuple[str | int, ...]) -> LiveRange:
     """Return the range of a number of a scene while it sounds. section, number, keys: as of LivePath"""
     if not section:

@@ -8,8 +8,10 @@ from itertools import islice
 from typing import Any, NamedTuple
 
 from engine.bodies.table import KeyPath
-from engine.patch.error_messages import locate_error, similar_word, suggest_key
+from engine.patch.error_messages import locate_error, section_of_kind, similar_word, suggest_key, tag_of
+from engine.patch.keyword_hints import explain_kind
 
+MISFITS = ("missing", "extra_forbidden", "scene")  # errors of a table of another kind than was guessed
 MAX_SLIPS = 50  # that are spelt right; more are a text of something else
 
 
@@ -35,8 +37,10 @@ def _find_slip(data: dict[str, Any], error: Any, path: KeyPath) -> Iterator[Slip
     if error["type"] == "extra_forbidden" and (right := suggest_key(error)):
         yield Slip(error, path, right)
     elif error["type"] == "union_tag_invalid":
-        kinds = list(locate_error(error).models)
-        if right := similar_word(str(error.get("ctx", {}).get("tag")), kinds):
+        location, tag = locate_error(error), tag_of(error)
+        if explain_kind(section_of_kind(location.path), tag):  # a word for something else
+            return
+        if right := similar_word(tag, list(location.models)):
             yield Slip(error, path, right)
     elif error["type"] == "literal_error" and isinstance(error["input"], str):
         known = re.findall(r"'(\w+)'", error.get("ctx", {}).get("expected", ""))
@@ -50,6 +54,19 @@ def _find_slip(data: dict[str, Any], error: Any, path: KeyPath) -> Iterator[Slip
                 unknown = {"type": "extra_forbidden", "loc": (*error["loc"], key), "input": table[key], "msg": ""}
                 yield Slip(unknown, (*path, key), "kind")
                 return
+
+
+def find_wrong_guesses(slips: list[Slip], errors: Iterable[tuple[Any, KeyPath]]) -> set[KeyPath]:
+    """The paths of misspelt kinds whose tables are not of the kind that was guessed: keys are missing or unknown with
+    it, or of another kind, or none of several ways to give something is there. errors: with the slips spelt right, and
+    the paths to blame"""
+    kinds = {slip.path[:-1]: slip for slip in slips if slip.error["type"] == "union_tag_invalid"}
+    unfit = [path if error["type"] == "scene" else path[:-1] for error, path in errors if error["type"] in MISFITS]
+    for slip in slips:
+        if slip.error["type"] == "extra_forbidden" and (guess := kinds.get(slip.path[:-1])):
+            models = locate_error(guess.error).models.values()
+            unfit += [slip.path[:-1] for model in models if slip.path[-1] in model.model_fields]
+    return {kinds[table].path for table in unfit if table in kinds}
 
 
 def spell_right(data: dict[str, Any], slips: list[Slip]) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """Patches are read here: a TOML file in, a validated `Scene` or located faults out."""
 
 import difflib
-import os
 import re
 import tomllib
 import warnings
@@ -14,7 +13,7 @@ from pydantic import ValidationError
 
 from engine.bodies.table import KeyPath
 from engine.faults import Fault, PatchError, PatchWarning
-from engine.files import MB, SHIPPED_PATCHES, UnreadableFile, find_patch, is_folder, read_bytes
+from engine.files import MB, SHIPPED_PATCHES, UnreadableFile, find_patch, is_folder, read_bytes, shortest_name
 from engine.instrument.expansion import Expansion, is_instrument
 from engine.instrument.key_writer import Origins
 from engine.output_files import error_reason
@@ -26,7 +25,7 @@ from engine.patch.error_messages import (
     locate_error,
     path_to_blame,
 )
-from engine.patch.misspelt import find_slips, spell_right
+from engine.patch.misspelt import Slip, find_slips, find_wrong_guesses, spell_right
 from engine.patch.renamed_keys import RenamedKeys, rename_keys
 from engine.patch.scene_tables import MAX_FAULTS_COLLECTED, SceneTables
 from engine.patch.toml_lines import NestedTooDeep, locate_keys, nearest_line, split_statements
@@ -49,12 +48,12 @@ SYNTAX_REMEDIES = {
 
 
 def read_scene(kind: type[S], path: str | Path | dict[str, Any]) -> S:
-    """Read a patch as `engine.load` does. kind: the class of the scene"""
+    """Read a patch as `fdh.load` does. kind: the class of the scene"""
     if isinstance(path, dict):
         return validate_document(kind, path, Path(), DOCUMENT, "")
     if not isinstance(path, str | Path):
         raise TypeError(
-            f'{to_one_line(repr(path), 60)} is not a path; give one, or a shipped name: engine.load("tanpura")'
+            f'{to_one_line(repr(path), 60)} is not a path; give one, or a shipped name: fdh.load("tanpura")'
         )
     path = find_patch(path)
     text = read_text(path)
@@ -65,10 +64,11 @@ def read_scene(kind: type[S], path: str | Path | dict[str, Any]) -> S:
     try:
         return validate_document(kind, data, path.parent, str(path), text, renamed)
     finally:
-        lines = locate_keys(text)
-        for key in renamed.first_of_each():
+        keys = list(renamed.first_of_each())
+        lines = locate_keys(text) if keys else {}
+        for key in keys:
             note = Fault(format_path(key.path), str(key), str(path), nearest_line(lines, key.path))
-            warnings.warn(str(note), PatchWarning, stacklevel=3)  # where `engine.load` is called
+            warnings.warn(str(note), PatchWarning, stacklevel=3)  # where `fdh.load` is called
 
 
 def read_text(path: Path) -> str:
@@ -98,17 +98,7 @@ def validate_document(
     result = _validate(kind, data, folder, RenamedKeys() if renamed is None else renamed)
     if isinstance(result, SceneTables):
         return result
-    misspelt = list[BlamedError]()
-    for _ in range(MAX_SPELLINGS):
-        slips = find_slips(data, ((blamed.error, blamed.path) for blamed in result))
-        if not slips:
-            break
-        misspelt += [BlamedError(slip.error, slip.path, "") for slip in slips]
-        data = spell_right(data, slips)
-        result = _validate(kind, data, folder, RenamedKeys())
-        if isinstance(result, SceneTables):
-            result = []
-    faults = _make_faults(file, text, misspelt + result)
+    faults = _make_faults(file, text, _explain_slips(kind, data, folder, result))
     raise PatchError(faults if text else [replace(fault, line=None) for fault in faults])
 
 
@@ -119,6 +109,29 @@ def validate_expansion(kind: type[S], document: Any, folder: Path, expansion: Ex
     if isinstance(result, SceneTables):
         return result
     raise PatchError([replace(fault, line=None) for fault in _make_faults(DOCUMENT, "", result)])
+
+
+def _explain_slips(
+    kind: type[S], data: dict[str, Any], folder: Path, errors: "list[BlamedError]"
+) -> "list[BlamedError]":
+    """The errors of a document, without those that misspelt words have led to. An unknown kind that is no misspelt one
+    of its table is left as it is, so that nothing is said of another kind's keys."""
+    unknown_kinds: set[KeyPath] = set()
+    while True:
+        spelt, result, misspelt = data, errors, list[Slip]()
+        for _ in range(MAX_SPELLINGS):
+            found = find_slips(spelt, ((blamed.error, blamed.path) for blamed in result))
+            slips = [slip for slip in found if slip.path not in unknown_kinds]
+            if not slips:
+                break
+            misspelt += slips
+            spelt = spell_right(spelt, slips)
+            validated = _validate(kind, spelt, folder, RenamedKeys())
+            result = [] if isinstance(validated, SceneTables) else validated
+        wrong = find_wrong_guesses(misspelt, ((blamed.error, blamed.path) for blamed in result))
+        if not wrong:
+            return [BlamedError(slip.error, slip.path, "") for slip in misspelt] + result
+        unknown_kinds |= wrong
 
 
 class BlamedError(NamedTuple):
@@ -248,17 +261,6 @@ def _describe_read_error(path: Path, error: OSError | UnreadableFile) -> str:
     by_name = {patch.stem: patch for patch in reversed(patches)}  # of one name, that in the nearest folder
     similar = difflib.get_close_matches(path.stem[:MAX_KEY_CHARACTERS], by_name, 1, 0.7)
     if similar:
-        return f"{message}; did you mean {_shortest_name(by_name[similar[0]])}?"
-    example = f"such as {_shortest_name(patches[0])}" if patches else "a .toml file"
+        return f"{message}; did you mean {shortest_name(by_name[similar[0]])}?"
+    example = f"such as {shortest_name(patches[0])}" if patches else "a .toml file"
     return f"{message}; give a patch, {example}"
-
-
-def _shortest_name(path: Path) -> str:
-    """Return the shortest name of a patch to type: that of a shipped one, or the path, relative to the current folder
-    if that is shorter."""
-    if path.parent == SHIPPED_PATCHES:
-        return path.stem
-    try:
-        return min(os.path.relpath(path), str(path), key=len)
-    except (OSError, ValueError):  # the current folder was removed, or is on another drive
-        return str(path)

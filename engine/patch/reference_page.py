@@ -64,6 +64,17 @@ PICTURES = {  # below the tables of some sections
 }
 
 
+INTRODUCTIONS = {  # above the tables of some sections
+    "event": """An event takes effect at the frame nearest to its time, and lasts a whole number of frames. One rule
+decides where events overlap, in a score, in live sound, in pages and in C, however early or late they become known:
+
+- A glide ends where a newer one of the same target begins, and that one starts from the value reached.
+- Of two dampers on a body the newer counts; one that lasts longer goes on after it.
+- Strikes and plucks leave each other alone: each has its own strength, rise and release.
+- What begins later is newer; of events that begin at one frame, what comes later in the patch, or was told later.""",
+}
+
+
 @dataclass(frozen=True)
 class KeyRow:
     """One key of a table, as a row of the page."""
@@ -83,6 +94,7 @@ def reference_page() -> str:
     for name, (heading, inner) in SECTIONS.items():
         node = schema["properties"][name]
         lines += ["", f"## {heading}", ""]
+        lines += [INTRODUCTIONS[name], ""] if name in INTRODUCTIONS else []
         tables = variants(node, schema) if "items" in node else {"": resolve_ref(node, schema)}
         for kind, table in tables.items():
             lines += [f'### `kind = "{kind}"`', ""] if kind else []

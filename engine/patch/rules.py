@@ -10,6 +10,7 @@ from typing import Any
 from pydantic_core import InitErrorDetails
 
 from engine.bodies import String
+from engine.bodies.distributed import DistributedBody
 from engine.bodies.table import KeyPath, is_given, is_number, make_fault
 from engine.patch.connection_rules import check_change_of_connection, check_connections, find_rigid_joint
 from engine.patch.force_rules import check_force
@@ -169,7 +170,12 @@ def _check_contact(path: KeyPath, contact: dict[str, Any], bodies: dict[str, Any
     if not on and not barrier:
         remedy = "give the barrier's position in m, the other body's name, a bridge or frets"
         yield make_fault(path, contact, "neither barrier nor on is given", remedy)
-    yield from _check_contact_positions(path, contact, body, bodies.get(str(contact.get("on"))))
+    other_body = bodies.get(str(contact.get("on")))
+    kinds = [kind_of(one) for one in (body, other_body) if one is not None]
+    if contact.get("radius") and kinds and not any(kind is None or issubclass(kind, DistributedBody) for kind in kinds):
+        message = "neither body has a shape between its points to take the mean of"
+        yield make_fault((*path, "radius"), contact["radius"], message, "leave it out")
+    yield from _check_contact_positions(path, contact, body, other_body)
 
 
 def _check_contact_positions(
@@ -217,10 +223,10 @@ def _joins_same_position(contact: dict[str, Any], body: dict[str, Any] | None) -
 
 def _check_profile(path: KeyPath, contact: dict[str, Any], body: dict[str, Any] | None, profile: str) -> Faults:
     """A bridge or frets stand under a string or bar, instead of at and barrier. profile: the key of the two."""
-    for key in ("at", "on", "on_at", "barrier", "gap", "bridge" if profile == "frets" else "frets"):
+    for key in ("at", "on", "on_at", "barrier", "gap", "radius", "bridge" if profile == "frets" else "frets"):
         if is_given(contact, key):
             yield make_fault((*path, key), contact[key], f"{profile} and {key} are both given", "give one of them")
-    if body is not None and not has_length(body):
+    if body is not None and kind_of(body) is not None and not has_length(body):
         message = f"{format_value(body['name'])} has no length"
         yield make_fault((*path, profile), contact[profile], message, "give a string or a bar")
     table = contact[profile]
@@ -267,7 +273,7 @@ def _check_event(
 ) -> Faults:
     """A strike moves a lumped body; a change is of something that a named contact has."""
     kind, body = event.get("kind"), bodies.get(str(event.get("body")))
-    if kind == "strike" and body is not None and not is_lumped(body):
+    if kind == "strike" and body is not None and kind_of(body) is not None and not is_lumped(body):
         message = f"{format_value(event['body'])} is a {body.get('kind')}"
         remedy = "launch a mass or an oscillator; use a force or pluck for other bodies"
         yield make_fault((*path, "body"), event["body"], message, remedy)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from engine.argument_checks import values_by_path
 from engine.instrument.expansion import Expansion
 from engine.patch.parameters import Parameter, list_parameters
 from engine.patch.paths import replace_values
@@ -21,8 +22,8 @@ class Scene(SceneTables):
         """Every number that the patch gives, in its order: path, value, unit, range, meaning, and whether it can be
         changed while it sounds. `fdh params` prints the same.
 
-        >>> import engine
-        >>> scene = engine.load("piano_c4")
+        >>> import fdh
+        >>> scene = fdh.load("piano_c4")
         >>> felt = next(p for p in scene.parameters() if p.path == "contact.felt.stiffness")
         >>> felt.value, felt.unit, felt.live
         (4500000000.0, 'N/m^exponent', True)
@@ -36,10 +37,11 @@ class Scene(SceneTables):
         value:  in SI units
         values: several at once, by their paths; or give a dict of them instead of a path
 
-        Raises PatchError (a ValueError), which lists every fault at once: paths that lead nowhere, values out of range.
+        Raises PatchError (a ValueError), which lists every fault at once: paths that lead nowhere, values out of range;
+        ValueError if a value is given beside a dict.
 
-        >>> import engine
-        >>> scene = engine.load("piano_c4")
+        >>> import fdh
+        >>> scene = fdh.load("piano_c4")
         >>> hard = scene.replace("contact.felt.stiffness", 1e10)
         >>> both = scene.replace({"contact.felt.stiffness": 1e10, "body.hammer.velocity": 2.0})
         >>> both.body[1].velocity, scene.body[1].velocity
@@ -48,7 +50,7 @@ class Scene(SceneTables):
         Traceback (most recent call last):
         engine.faults.PatchError: scene contact.fellt.stiffness: there is no "contact.fellt"; did you mean ...
         """
-        given = dict(path) if isinstance(path, Mapping) else {} if path is None else {path: value}
+        given = {} if path is None and value is None else values_by_path(path, value)
         return replace_values(self, given | values)
 
     def with_expansion(self, expansion: Expansion) -> "Scene":
@@ -62,14 +64,14 @@ def load(path: str | Path | dict[str, Any]) -> Scene:
 
     Raises PatchError (a ValueError), which lists every fault at once; TypeError if `path` is none of these.
 
-    >>> import engine
-    >>> engine.load("tanpura").title
+    >>> import fdh
+    >>> fdh.load("tanpura").title
     'Tanpura string, C3'
-    >>> engine.load("tanpra")
+    >>> fdh.load("tanpra")
     Traceback (most recent call last):
     engine.faults.PatchError: tanpra: no such file or shipped patch; did you mean tanpura?
     >>> ball = {"name": "ball", "kind": "mass", "mass": 0.1, "velocity": 1.0}
-    >>> engine.load({"body": [ball], "pickup": [{"body": "ball"}]}).seconds
+    >>> fdh.load({"body": [ball], "pickup": [{"body": "ball"}]}).seconds
     2.0
     """
     return read_scene(Scene, path)
@@ -86,10 +88,10 @@ def check_scene(scene: Any) -> None:
         return
     shown = to_one_line(repr(scene), MAX_SHOWN_CHARACTERS)
     if isinstance(scene, str | Path):
-        raise TypeError(f"{shown} is the name of a patch, not a scene; give engine.load({shown})")
+        raise TypeError(f"{shown} is the name of a patch, not a scene; give fdh.load({shown})")
     if isinstance(scene, dict):
-        raise TypeError(f"{shown} is a document, not a scene; give engine.load of it")
-    raise TypeError(f'{shown} is not a scene; give one, such as engine.load("tanpura")')
+        raise TypeError(f"{shown} is a document, not a scene; give fdh.load of it")
+    raise TypeError(f'{shown} is not a scene; give one, such as fdh.load("tanpura")')
 
 
 def connected_bodies(scene: Scene, name: str) -> set[str]:

@@ -14,6 +14,7 @@ from typing import Any, Self
 from pydantic import Field, ModelWrapValidatorHandler, PrivateAttr, ValidationError, ValidationInfo, model_validator
 from pydantic_core import InitErrorDetails
 
+from engine.arithmetic.plain_numbers import power
 from engine.bodies import Body
 from engine.bodies.csv_files import read_modes, read_shape
 from engine.bodies.table import KeyPath, Table, make_fault
@@ -93,6 +94,7 @@ class SceneTables(Table):
     pedal: list[Pedal] = Field(default=[], max_length=MAX_NOTES, exclude=True, description="pedals of an instrument")
     _document: dict[str, Any] | None = PrivateAttr(default=None)  # of an instrument, as it was read
     _folder: Path = PrivateAttr(default=Path())
+    _output_gains: dict[int, float] = PrivateAttr(default_factory=dict)  # of channels, from 0, as a session sets them
 
     @model_validator(mode="wrap")
     @classmethod
@@ -137,7 +139,11 @@ class SceneTables(Table):
         kinds = {body.name: type(body) for body in scene.body}
         pickups = [p if p.quantity else p.model_copy(update={"quantity": kinds[p.body].HEARD}) for p in scene.pickup]
         forces = [_with_absolute_file(f, folder) for f in scene.force]
-        scene = scene.model_copy(update={"pickup": pickups, "force": forces})
+        is_given = "accuracy" in scene.model_fields_set
+        accuracy = scene.accuracy.beside_friction() if scene.friction else scene.accuracy
+        scene = scene.model_copy(update={"pickup": pickups, "force": forces, "accuracy": accuracy})
+        if not is_given:
+            scene.model_fields_set.discard("accuracy")
         if any(getattr(event, "parameter", None) for event in scene.event):
             paths = live_paths(scene, True)
             scene = scene.model_copy(update={"event": [as_plain_change(event, paths) for event in scene.event]})
@@ -164,12 +170,22 @@ class SceneTables(Table):
     @property
     def level_factor(self) -> float | None:
         """The factor on SI units that its level means; None if it gives no level."""
-        return None if self.level is None else float(10.0 ** (self.level / 20.0))
+        return None if self.level is None else power(10.0, self.level / 20.0)
 
     @property
     def channels(self) -> int:
         """Number of channels of its sound."""
         return max(channel for p in self.pickup for channel in p.channels)
+
+    def output_gain(self, channel: int) -> float:
+        """The gain of a channel, from 0, that a session has set, such as the volume of a MIDI file."""
+        return self._output_gains.get(channel, 1.0)
+
+    def with_output_gain(self, channel: int, gain: float) -> Self:
+        """The patch with another gain of a channel."""
+        changed = self.model_copy()
+        changed._output_gains = self._output_gains | {channel: gain}
+        return changed
 
 
 def _warn_of_old_names(renamed: RenamedKeys) -> None:

@@ -127,6 +127,14 @@ class Contact(Table):
     stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent; at 1 mm of compression at most 1e15 N")
     exponent: Exponent = Field(description="exponent α of the power law, at least 1")
     loss: float = Field(default=0.0, ge=0.0, le=1e9, description="Hunt-Crossley damping μ, s/m")
+    radius: float | None = Field(
+        default=None,
+        ge=0.0,
+        le=10.0,
+        description="radius of what touches, m: of a sheet it feels the mean motion of the disc that it covers, of a"
+        " string or bar that of a piece of twice this length, of either up to the rim; 0.005 on membranes if absent,"
+        " and a point elsewhere",
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -340,6 +348,13 @@ class DampEvent(_EventTable):
     duration: float | None = Field(default=None, gt=0.0, le=MAX_SECONDS, description="duration, s; permanent if absent")
 
 
+class LiftEvent(_EventTable):
+    """The dampers of a body are lifted: `damp` events that have begun end."""
+
+    kind: Literal["lift"]
+    body: Name = Field(description="body whose dampers are lifted")
+
+
 class ChangeEvent(_EventTable):
     """A live parameter glides to a new value: a number of a contact or a connection, such as a stiffness, or any other
     live parameter, by its path."""
@@ -380,7 +395,7 @@ class ChangeEvent(_EventTable):
     duration: float = Field(default=0.005, ge=0.0, le=MAX_SECONDS, description="duration of the glide, s")
 
 
-Event = Annotated[StrikeEvent | PluckEvent | DampEvent | ChangeEvent, Field(discriminator="kind")]
+Event = Annotated[StrikeEvent | PluckEvent | DampEvent | LiftEvent | ChangeEvent, Field(discriminator="kind")]
 
 
 class Pickup(Table):
@@ -397,9 +412,9 @@ class Pickup(Table):
     ) = Field(
         default=None,
         description="quantity, in SI units; if absent, the velocity, or the acceleration of a membrane or plate;"
-        " pressure: far field in air, of a baffled membrane or plate, a hole or a tube; force: sum of the contact"
-        " forces on the body; end_force: force of a string on its end, at 0 or 1; tension: rise of that of a body that"
-        " stretches (N, or N/m of a membrane or plate)",
+        " pressure: far field in air, of a baffled membrane or plate, a hole or a tube; force: sum of the forces"
+        " on the body by its contacts and its friction; end_force: force of a string on its end, at 0 or 1; tension:"
+        " rise of that of a body that stretches (N, or N/m of a membrane or plate)",
     )
     angle: Angle = Field(default=0.0, description=f"direction in which it measures the motion, rad; {ANGLE}")
     distance: float | None = Field(

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from engine.audio_formats import open_sound_file, write_pieces
 from engine.provenance import describe_machine
 from engine.report import console, plots
 from engine.report.detail_plots import plot_first_contact, plot_string_shape
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 MAX_FLAC_SECONDS = 3.0  # longer audio is embedded as Ogg Vorbis, a tenth of the size
 BROWSER_RATES = (8_000, 48_000)  # Hz, rates that every browser plays
 ALARM_ROW = "NOT TO BE TRUSTED"  # of the summary
-ENCODER_CHUNK_FRAMES = 1 << 16  # libsndfile's Vorbis encoder overflows its stack on very many at once
 # nothing is loaded from anywhere, and no script runs, whatever the text of a patch holds
 SECURITY_POLICY = "default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'"
 
@@ -143,8 +143,6 @@ def encode_for_browser(audio: np.ndarray, samplerate: int) -> tuple[bytes, str]:
 
     audio: [frames, channels], within ±1; of more than two channels, the odd ones go left and the even ones right
     """
-    import soundfile
-
     from engine.offline.decimation import resample
 
     if audio.shape[1] > 2:
@@ -155,9 +153,8 @@ def encode_for_browser(audio: np.ndarray, samplerate: int) -> tuple[bytes, str]:
     is_short = len(audio) <= MAX_FLAC_SECONDS * samplerate
     file_format, subtype = ("FLAC", "PCM_16") if is_short else ("OGG", "VORBIS")
     data = io.BytesIO()
-    with soundfile.SoundFile(data, "w", samplerate, audio.shape[1], subtype, format=file_format) as file:
-        for begin in range(0, len(audio), ENCODER_CHUNK_FRAMES):
-            file.write(audio[begin : begin + ENCODER_CHUNK_FRAMES])
+    with open_sound_file(data, samplerate, audio.shape[1], subtype, file_format) as file:
+        write_pieces(file, audio)
     return data.getvalue(), f"audio/{file_format.lower()}"
 
 

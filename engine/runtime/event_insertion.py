@@ -16,7 +16,7 @@ from engine.kernel.data.enums import (
 )
 from engine.kernel.data.island_view import island_bounds, island_model, island_state
 from engine.kernel.interactions.connections import reset_connections
-from engine.kernel.interactions.contacts import compression_from_modes, reset_open_contacts
+from engine.kernel.interactions.contacts import reset_compressions, reset_open_contacts
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.interactions.near_contacts import keep_all_contacts
 from engine.kernel.modes.free_flight import end_flight
@@ -24,8 +24,8 @@ from engine.kernel.modes.mode_step import forget_drift
 from engine.kernel.modes.ordered_sums import accumulate
 from engine.kernel.modes.point_rows import project
 from engine.kernel.run.events import move_event, next_due
-from engine.kernel.run.trace_rows import keep_energies
-from engine.runtime.event_slots import DROPPED, VALUES_PER_EVENT, EventSlot
+from engine.kernel.run.fade import fade_frames, turn_fade
+from engine.runtime.event_slots import DISPLACING, DROPPED, VALUES_PER_EVENT, EventSlot
 
 EVENT_SLOTS = len(EventSlot)
 
@@ -44,30 +44,37 @@ def insert_event_at(model, state, event, value, frame):
 
 @inline
 def insert_event(model, state, event, value, frame):
-    """Insert an event into the score of its island, no sooner than `frame`, or carry out an order to sleep or to count
-    energy. If the score is full, the event is dropped, and marked as DROPPED."""
+    """Insert an event into the score of its island, no sooner than `frame`, or carry out an order to drop islands or to
+    count energy. If the score is full, nothing changes, and the event is marked as DROPPED; but a release takes the
+    place of the oldest event, and is marked as DISPLACING."""
     n, start, kind = event[EventSlot.ISLAND], max(event[EventSlot.START], frame), event[EventSlot.KIND]
-    if kind == EventKind.SLEEP_QUIETEST:
+    if kind == EventKind.DROP_QUIETEST:
         forget_next_steps(state)
-        sleep_quietest(model, state, event[EventSlot.TARGET_BEGIN], frame)
+        drop_quietest(model, state, event, frame)
         return
     if kind == EventKind.BOOK_ENERGY:
         make_island_ready(model, state, n, frame)
         book_island_energy(model, state, n, event[EventSlot.TARGET_BEGIN])
         return
-    interrupt_at(state, n, start, frame)
-    if kind == EventKind.PLUCK:
-        retrigger_force(model.force, event[EventSlot.TARGET_BEGIN], start, value[0])
-    elif model.events is not None:
+    if model.events is not None:
         cursor = state.event_cursor[n]
         begin, end = model.islands.event[n], model.islands.event[n + 1]
-        truncate_previous(model.events, cursor, begin, event, start)
-        cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
         unused = first_unused(model.events, begin, end)
         if unused == end:
             unused = compact_events(model.events, state.glide_start, cursor, begin, end, frame)
-        if not insert_sorted(model.events, begin + cursor[EventCursor.NEXT], unused, end, event, value, start):
+        if unused == end and event[EventSlot.IS_RELEASE] != 0 and begin < end:
+            model.events.end[begin + cursor[EventCursor.FIRST_ACTIVE]] = frame - 1
+            cursor[EventCursor.NEXT] = max(cursor[EventCursor.NEXT], cursor[EventCursor.FIRST_ACTIVE] + 1)
+            unused = compact_events(model.events, state.glide_start, cursor, begin, end, frame)
+            cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
+            event[EventSlot.TAKEN_AT] = DISPLACING
+        if unused == end:
             event[EventSlot.TAKEN_AT] = DROPPED
+            return
+        interrupt_at(state, n, start)
+        if kind != EventKind.DAMP:
+            turn_fade(state.sleep[n], model.samplerate, frame)
+        insert_sorted(model.events, begin + cursor[EventCursor.NEXT], unused, event, value, start)
 
 
 @inline
@@ -80,14 +87,11 @@ def partition_of(islands, n):
 
 
 @inline
-def interrupt_at(state, n, start, frame):
-    """End the free flight and the sleep of island n at frame `start` at the latest, as something begins there.
-    frame: the next one"""
+def interrupt_at(state, n, start):
+    """End the free flight and the sleep of island n at frame `start` at the latest, as something begins there."""
     state.contact_free_until[n] = min(state.contact_free_until[n], start)
     state.sleep[n, Sleep.WAKE_FRAME] = min(state.sleep[n, Sleep.WAKE_FRAME], start)
     state.sleep[n, Sleep.STATIC_UNTIL] = min(state.sleep[n, Sleep.STATIC_UNTIL], start)
-    if start <= frame:
-        state.sleep[n, Sleep.FORCED] = 0
 
 
 @inline
@@ -98,45 +102,33 @@ def make_island_ready(model, state, n, frame):
         part, part_state = island_model(model, state, bounds), island_state(state, bounds)
         end_flight(part, part_state, frame)
         reset_open_contacts(part.contact, part_state)
-        interrupt_at(state, n, frame, frame)
+        interrupt_at(state, n, frame)
         state.contact_free_until[n] = 0
 
 
 @inline
 def book_island_energy(model, state, n, sign):
     """Count the energy of island n as supplied, times a sign. A positive sign means that coefficients are new:
-    compressions, extensions and velocities are then computed again first."""
+    compressions and extensions are then computed again first."""
     bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
     part, part_state = island_model(model, state, bounds), island_state(state, bounds)
+    count_velocities(part.pickups, part_state, sign)
     if sign > 0:
         keep_all_contacts(part.contact, part.connection, part_state)
         reset_compressions(part.contact, part_state)
         reset_connections(part.connection, part_state)
-        reset_velocities(part.pickups, part_state)
         part_state.event_cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN  # the loss of modes may be another now
         forget_drift(part_state)
     accumulate(part_state.energy_totals, EnergyTotal.SUPPLIED, sign * island_energy(part, part_state))
 
 
 @inline
-def reset_compressions(contact, state):
-    """Compute the compressions from the modes, also in contact. If any is closed now, the island is in contact: else a
-    check before the next step would open it, and its energy would be lost."""
-    if contact is not None:
-        for k in range(state.compression.shape[0]):
-            state.compression[k] = compression_from_modes(contact, contact.other_rows, state, k)
-            state.compression_compensation[k] = 0.0
-            if state.compression[k] > 0.0:
-                state.in_contact[0] = 1
-
-
-@inline
-def reset_velocities(pickups, state):
-    """Set the previous velocities of acceleration pickups to the present ones, so that a pickup that was moved has no
-    step in its signal."""
+def count_velocities(pickups, state, sign):
+    """Take the present velocities from the previous ones of acceleration pickups, or add them (`sign` is 1): between
+    the two, a pickup may move, or its rows change, and its signal has no step."""
     for n in range(pickups.quantity.shape[0]):
         if pickups.quantity[n] == Quantity.ACCELERATION:
-            state.previous_velocity[n] = project(pickups.rows, n, state.p)
+            state.previous_velocity[n] += sign * project(pickups.rows, n, state.p)
 
 
 @inline
@@ -149,24 +141,34 @@ def next_due_in(model, state, n, frame):
 
 
 @inline
-def sleep_quietest(model, state, count, frame):
-    """Put the quietest islands to sleep until something is due in them, or another order comes; wake those that slept
-    by an earlier order. A sleeping island does not move, so that its energy stays the same. The last island that is
-    awake stays awake, and so does one in contact."""
-    islands, awake = state.sleep.shape[0], 0
+def drop_quietest(model, state, order, frame):
+    """Let so many islands fade out as an order says, the quietest that sound; it is replaced by how many do. The last
+    one goes on, and so does one in contact, or on which something begins soon.
+
+    order: TARGET_BEGIN: number of islands
+    """
+    islands, sounding, faded = state.sleep.shape[0], 0, 0
     for n in range(islands):
-        if state.sleep[n, Sleep.FORCED] != 0:
-            make_island_ready(model, state, n, frame)
-        awake += state.sleep[n, Sleep.WAKE_FRAME] <= frame
-    for _ in range(count):
+        sounding += not is_silent(state.sleep, n, frame)
+    end = frame + fade_frames(model.samplerate)
+    while faded < order[EventSlot.TARGET_BEGIN] and sounding > 1:
         quietest = -1
         for n in range(islands):
-            is_awake = state.sleep[n, Sleep.WAKE_FRAME] <= frame and state.in_contact[n] == 0
-            if is_awake and next_due_in(model, state, n, frame) > frame and is_quieter(state, n, quietest):
+            may_end = state.in_contact[n] == 0 and not is_silent(state.sleep, n, frame)
+            if may_end and is_quieter(state, n, quietest) and next_due_in(model, state, n, frame) > end:
                 quietest = n
-        if quietest >= 0 and awake > 1:
-            force_to_sleep(model, state, quietest, frame)
-            awake -= 1
+        if quietest < 0:
+            break
+        state.sleep[quietest, Sleep.FADE_END] = end
+        sounding -= 1
+        faded += 1
+    order[EventSlot.TARGET_BEGIN] = faded
+
+
+@inline
+def is_silent(sleep, n, frame):
+    """True if island n sleeps, or fades out."""
+    return sleep[n, Sleep.WAKE_FRAME] > frame or sleep[n, Sleep.FADE_END] > 0
 
 
 @inline
@@ -186,40 +188,10 @@ def forget_margins(refinement):
 
 
 @inline
-def force_to_sleep(model, state, n, frame):
-    """Put island n to sleep until something is due in it."""
-    make_island_ready(model, state, n, frame)
-    due = next_due_in(model, state, n, frame)
-    state.sleep[n, Sleep.WAKE_FRAME] = state.sleep[n, Sleep.STATIC_UNTIL] = due
-    state.sleep[n, Sleep.FORCED] = 1
-    bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
-    keep_energies(island_model(model, state, bounds), island_state(state, bounds))
-
-
-@inline
 def is_quieter(state, n, other):
     """True if island n is quieter than another, or if there is no other (a negative number)."""
     peaks = state.sleep_monitor
     return other < 0 or peaks[n, SleepMonitor.PEAK] < peaks[other, SleepMonitor.PEAK]
-
-
-@inline
-def retrigger_force(force, j, start, scale):
-    """Start external force j again, `scale` times as strong. Old logs have a scale of 0, which counts as 1."""
-    if force is not None:
-        if force.start[j] <= start or force.start[j] >= UNUSED_SLOT:  # a force that has not begun yet is not changed
-            force.start[j], force.scale[j] = start, scale if scale > 0.0 else 1.0
-
-
-@inline
-def truncate_previous(events, cursor, begin, event, start):
-    """End running events where a newer one of the same kind and targets begins; but not damping that lasts longer."""
-    kind, length = event[EventSlot.KIND], event[EventSlot.LENGTH]
-    for j in range(begin + cursor[EventCursor.FIRST_ACTIVE], begin + cursor[EventCursor.NEXT]):
-        same = events.target_begin[j] == event[EventSlot.TARGET_BEGIN]
-        same = same and events.target_end[j] == event[EventSlot.TARGET_END] and events.kind[j] == kind
-        if same and (kind != EventKind.DAMP or events.end[j] <= start + length):
-            events.end[j] = min(events.end[j], start)
 
 
 @inline
@@ -237,12 +209,12 @@ def first_unused(events, begin, end):
 
 @inline
 def compact_events(events, glide_start, cursor, begin, end, frame):
-    """Remove the events that are over from an island's score, slots begin to end. Returns the first unused slot, after
-    which all are unused."""
+    """Remove the events that were over before this frame from an island's score, slots begin to end. Returns the first
+    unused slot, after which all are unused."""
     kept, running, j = begin, 0, begin + cursor[EventCursor.FIRST_ACTIVE]
     while j < end and events.start[j] != UNUSED_SLOT:
         started = j < begin + cursor[EventCursor.NEXT]
-        if not (started and events.end[j] <= frame):
+        if not (started and events.end[j] < frame):  # a glide that ends now is still to be ended
             if kept != j:
                 move_event(events, j, kept)
                 glide_start[kept] = glide_start[j]
@@ -256,11 +228,9 @@ def compact_events(events, glide_start, cursor, begin, end, frame):
 
 
 @inline
-def insert_sorted(events, first, unused, end, event, value, start):
-    """Insert an event among those that have not begun, which slots `first` to `unused` hold, sorted by start. Returns
-    True if there was an unused slot before `end`."""
-    if unused == end:
-        return False
+def insert_sorted(events, first, unused, event, value, start):
+    """Insert an event among those that have not begun, which slots `first` to `unused` hold, sorted by start; behind
+    those of the same start."""
     j = unused
     while j > first and events.start[j - 1] > start:
         move_event(events, j - 1, j)
@@ -268,5 +238,4 @@ def insert_sorted(events, first, unused, end, event, value, start):
     events.kind[j], events.start[j] = event[EventSlot.KIND], start
     events.end[j] = start + event[EventSlot.LENGTH]
     events.target_begin[j], events.target_end[j] = event[EventSlot.TARGET_BEGIN], event[EventSlot.TARGET_END]
-    events.value[j], events.value2[j] = value[0], value[1]
-    return True
+    events.value[j], events.value2[j], events.value3[j] = value[0], value[1], value[2]

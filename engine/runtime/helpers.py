@@ -4,6 +4,7 @@ import ctypes
 import os
 import threading
 import weakref
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from engine.runtime.jobs import Crew
 
 HELP_CREW = Kernel("engine.runtime.partitions", "help_crew")
 HELP_CREW_KINDS = (INT,)
+TIME_CRITICAL = 15  # THREAD_PRIORITY_TIME_CRITICAL of Windows
+USER_INTERACTIVE = 0x21  # QOS_CLASS_USER_INTERACTIVE of macOS
 
 
 class Helpers:
@@ -54,11 +57,17 @@ def start_helpers(cores: int, partitions: int, in_realtime: bool = False) -> Hel
 
 def raise_priority() -> bool:
     """Let this thread run before all ordinary ones. Returns whether that is allowed."""
+    windows: Any = getattr(ctypes, "windll", None)
     try:
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
+        if windows is not None:
+            thread = ctypes.c_void_p(windows.kernel32.GetCurrentThread())
+            return bool(windows.kernel32.SetThreadPriority(thread, TIME_CRITICAL))
+        if hasattr(os, "sched_setscheduler"):
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(os.sched_get_priority_min(os.SCHED_RR)))
+            return True
+        return bool(ctypes.CDLL(None).pthread_set_qos_class_self_np(USER_INTERACTIVE, 0) == 0)
     except (AttributeError, OSError):
         return False
-    return True
 
 
 def _stop(crew: np.ndarray, semaphore: Semaphore, threads: list[threading.Thread]) -> None:

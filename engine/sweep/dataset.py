@@ -9,7 +9,7 @@ import numpy as np
 from engine.patch.scene import Scene
 from engine.sweep.common_gain import sound_path
 from engine.sweep.index_csv import IndexRow
-from engine.sweep.rows import MEASURE_NAMES, is_number, read_index_rows, varied_paths
+from engine.sweep.rows import MEASURE_NAMES, WORD_NAMES, is_number, read_index_rows, varied_paths
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -24,14 +24,16 @@ MEASURES = {  # unit, and what it is
     "rms": ("SI unit of the pickups", "root mean square"),
     "silent": ("1", "1 if nothing can be heard"),
     "fundamental_hz": ("Hz", "lowest partial within 20 dB of the strongest"),
-    "strongest_hz": ("Hz", "strongest partial"),
-    "centroid_hz": ("Hz", "mean frequency, weighted by power"),
-    "t60_s": ("s", "time to fall by 60 dB"),
+    "strongest_hz": ("Hz", "partial with the most energy"),
+    "centroid_hz": ("Hz", "mean frequency, weighted by the power of the whole sound"),
+    "t60_s": ("s", "time to fall by 60 dB, from -5 to -25 dB"),
     "gain_db": ("dB", "gain of the file on SI units"),
     "contact": ("1", "share of samples in contact"),
     "newton_mean": ("1", "mean evaluations of the contact law in an iterative solve"),
     "newton_max": ("1", "most evaluations in a solve"),
-    "unconverged": ("1", "solves that were ended early"),
+    "unconverged": ("1", "contact solves that did not converge"),
+    "capped": ("1", "those of them that reached the iteration limit"),
+    "trusted": ("1", "1 if nothing speaks against the rendering, 0 if the reasons do"),
     "energy_error": ("1", "largest error of the energy balance, relative to the maximum stored energy"),
 }
 
@@ -45,15 +47,15 @@ def read_sweep(folder: str | Path, scene: Scene | None = None, sounds: bool = Fa
 
     Each value that varied is a dimension with its path as the name; points at random lie along `point` instead, with
     the values as coordinates. Variables are the features and statistics of index.csv, with `units` and `long_name`;
-    `file` and `status` too. What was not rendered, or is not defined, is NaN.
+    `file`, `status`, `reasons` and `t60_reason` too. What was not rendered, or is not defined, is NaN.
 
     Raises ImportError without xarray, which `read_sweep_rows` does without; ValueError if the folder is none of a
     sweep, or its sounds are over 256 MB.
 
-    >>> import engine
-    >>> scene = engine.load("bouncing_ball")
-    >>> done = engine.run_sweep(scene, {"body.ball.mass": [0.1, 0.2]}, "balls", seconds=0.5)
-    >>> again = engine.read_sweep("balls", scene)
+    >>> import fdh
+    >>> scene = fdh.load("bouncing_ball")
+    >>> done = fdh.run_sweep(scene, {"body.ball.mass": [0.1, 0.2]}, "balls", seconds=0.5)
+    >>> again = fdh.read_sweep("balls", scene)
     >>> again.sizes["body.ball.mass"], again["body.ball.mass"].attrs["units"]
     (2, 'kg')
     """
@@ -75,7 +77,7 @@ def read_sweep(folder: str | Path, scene: Scene | None = None, sounds: bool = Fa
         cells = [float(row[name]) if row[name] else math.nan for row in rows]
         units, meaning = MEASURES[name]
         data[name] = dims, over_points(cells, math.nan, float), {"units": units, "long_name": meaning}
-    for name in ("file", "status"):
+    for name in ("file", "status", *WORD_NAMES):
         data[name] = dims, over_points([row[name] for row in rows], "", object)
     given = {p.path: p for p in scene.parameters()} if scene is not None else {}
     labels = {path: ("point" if dims == ("point",) else path, array) for path, array in coordinates.items()}

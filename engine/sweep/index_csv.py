@@ -6,10 +6,11 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from engine.analysis.features import FEATURE_NAMES
+from engine.analysis.features import FEATURE_NAMES, TEXT_NAMES
 from engine.output_files import atomic_write
 
-STATISTIC_NAMES = ("gain_db", "contact", "newton_mean", "newton_max", "unconverged", "energy_error")
+STATISTIC_NAMES = ("gain_db", "contact", "newton_mean", "newton_max", "unconverged", "capped", "energy_error")
+TRUST_NAMES = ("trusted", "reasons")  # whether nothing speaks against a rendering, and what does
 
 MAX_LINE_CHARACTERS = 1 << 20
 
@@ -21,7 +22,8 @@ IndexRow = dict[str, str]  # cells by column
 
 def index_header(paths: list[str]) -> list[str]:
     """The columns: the number of the point, its values by their paths, its result, features and statistics."""
-    return ["number", *paths, "file", "status", "fingerprint", *FEATURE_NAMES, *STATISTIC_NAMES]
+    measures = (*FEATURE_NAMES, *TEXT_NAMES, *STATISTIC_NAMES, *TRUST_NAMES)
+    return ["number", *paths, "file", "status", "fingerprint", *measures]
 
 
 def check_index(path: Path, paths: list[str]) -> str:

@@ -13,9 +13,23 @@ from multiprocessing.connection import Connection, wait
 
 from engine.sweep.task import POLL_INTERVAL, RenderResult, RenderTask, Results, render_task
 
+UNGUARDED = 93  # exit code of a process that was about to start the sweep again
+NO_GUARD = (
+    "a script that renders with several processes is imported by each of them, and must not start the sweep again: "
+    'put what starts it under if __name__ == "__main__":'
+)
+
+
+def leave_if_imported() -> None:
+    """End this process if it is a worker that is only importing the script that starts the sweep; `run_local` tells
+    the script's own process."""
+    if getattr(multiprocessing.current_process(), "_inheriting", False):  # as multiprocessing itself asks
+        os._exit(UNGUARDED)
+
 
 def run_local(tasks: list[RenderTask], cores: int) -> Results:
-    """Results in any order, each once. A point whose process ends under it is tried once more, alone."""
+    """Results in any order, each once. A point whose process ends under it is tried once more, alone. Raises
+    RuntimeError in a script without a main guard."""
     lost: list[RenderTask] = []
     yield from _run_pool(tasks, cores, lost)
     for task in lost:
@@ -48,6 +62,8 @@ def _run_pool(tasks: list[RenderTask], cores: int, lost: list[RenderTask]) -> Re
                 if result is None or not waiting:
                     worker.terminate()
                     busy.remove(worker)
+                    if worker.process.exitcode == UNGUARDED:
+                        raise RuntimeError(NO_GUARD)
                 else:
                     worker.send(waiting.popleft())
                 if result is not None:

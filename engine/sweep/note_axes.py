@@ -1,11 +1,10 @@
 """Notes and their velocities as axes of a sweep: a set of samples of an instrument."""
 
-import math
 from itertools import pairwise
 
 from engine.faults import Fault, PatchError
 from engine.instrument.expansion import keys_of
-from engine.instrument.key_names import describe_keys, note_name, parse_key, parse_keys
+from engine.instrument.key_names import RANGE_SEPARATOR, describe_keys, note_name, parse_key, parse_keys
 from engine.instrument.tables import DEFAULT_VELOCITY
 from engine.patch.note_scene import scene_of_note
 from engine.patch.scene import Scene
@@ -17,21 +16,34 @@ FULL_VELOCITY = 127
 NOTE_FORMS = "give a range such as A0..C8, A0..C8/3 for every third key, or keys such as C2,F#3,A4"
 VELOCITY_FORMS = "give a number of layers, such as 8, or velocities from 1 to 127, such as 40,80,127"
 MAX_KEYS_NAMED = 8  # in a message
-SILENT_SHARE = 1e-3  # of its amplitude, 60 dB down: then a damped note is over
+RELEASE_DECAY = 8.0  # players of SFZ let a note fall by e^-8 (69 dB, ARIA) or e^-9 (78 dB, sfizz) in its release
 
 
-def parse_notes(text: str, scene: Scene) -> SweepAxis:
-    """Make an axis of the notes that --notes lists, upwards. Raises ValueError, whose message is one line."""
-    keys = sorted({key for word in text.split(",") for key in _parse_word(word)})
-    if scene.instrument is not None:
-        known = keys_of(scene.instrument["keyboard"])
-        if missing := [note_name(key) for key in keys if key not in known]:
-            rest = f" and {len(missing) - MAX_KEYS_NAMED} more" if len(missing) > MAX_KEYS_NAMED else ""
-            names = ", ".join(missing[:MAX_KEYS_NAMED]) + rest
-            raise ValueError(f"the instrument has no key {names}; {describe_keys(known)}")
-    else:
+def parse_notes(text: str, scene: Scene, left_out: list[str] | None = None) -> SweepAxis:
+    """Make an axis of the notes that --notes lists, upwards; of a range, those that the instrument has.
+
+    left_out: where to add a line of the keys of ranges that it does not have
+    Raises ValueError, whose message is one line, also for a key that is named and not there.
+    """
+    words = [(word, _parse_word(word)) for word in text.split(",")]
+    keys = sorted({key for _, listed in words for key in listed})
+    if scene.instrument is None:
         _check_pitched(scene)
-    return SweepAxis(NOTE, (), tuple(map(note_name, keys)))
+        return SweepAxis(NOTE, (), tuple(map(note_name, keys)))
+    known = keys_of(scene.instrument["keyboard"])
+    named = {key for word, listed in words for key in listed if RANGE_SEPARATOR not in word}
+    missing = [key for key in keys if key not in known]
+    if not_there := [key for key in missing if key in named or len(missing) == len(keys)]:
+        raise ValueError(f"the instrument has no key {_list_keys(not_there)}; {describe_keys(known)}")
+    if missing and left_out is not None:
+        left_out.append(f"notes: the instrument has no key {_list_keys(missing)}, which are left out")
+    return SweepAxis(NOTE, (), tuple(note_name(key) for key in keys if key in known))
+
+
+def _list_keys(keys: list[int]) -> str:
+    """The names of keys; of many, the first."""
+    rest = f" and {len(keys) - MAX_KEYS_NAMED} more" if len(keys) > MAX_KEYS_NAMED else ""
+    return ", ".join(map(note_name, keys[:MAX_KEYS_NAMED])) + rest
 
 
 def _check_pitched(scene: Scene) -> None:
@@ -89,7 +101,7 @@ def scene_with_note(scene: Scene, note: str, velocity: int, hold: float, seconds
 
 
 def release_time(scene: Scene, hold: float) -> float:
-    """Return the time that a note sounds after its key is released, s: until its dampers have made it quiet, or as long
-    as the scene where it has none."""
+    """Return the release of a note in SFZ, s: players then let it fall at the rate of its dampers. It is as long as the
+    scene where it has none."""
     rates = [event.sigma for event in scene.event if event.kind == "damp" and event.time == hold]
-    return -math.log(SILENT_SHARE) / min(rates) if rates else scene.seconds
+    return RELEASE_DECAY / min(rates) if rates else scene.seconds

@@ -14,6 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from engine.bodies.table import KeyPath, is_number
 from engine.faults import Fault, PatchError
 from engine.output_files import absolute_path, check_audio_format
 from engine.patch.error_messages import format_path
@@ -34,6 +35,8 @@ from engine.sweep.note_axes import (
 )
 from engine.sweep.sound_names import note_file_name, plain_text, point_stem, sound_name
 
+SECONDS: KeyPath = ("seconds",)
+
 GridPoint = tuple[Value, ...]  # a value per axis
 
 
@@ -43,6 +46,7 @@ class SweepPlan:
 
     data: the document of the patch, as it was read
     hold, seconds: of notes, how long the key is down, s, and how long they sound
+    left_out: lines that name the notes and events that are left out
     """
 
     patch: str
@@ -51,6 +55,7 @@ class SweepPlan:
     points: list[GridPoint]
     hold: float = HOLD_SECONDS
     seconds: float = HOLD_SECONDS + TAIL_SECONDS
+    left_out: tuple[str, ...] = ()
     _scenes: dict[GridPoint, Scene] = field(default_factory=dict, repr=False, compare=False)  # without a note; one
 
     @property
@@ -93,11 +98,39 @@ class SweepPlan:
 
 
 def scene_at(data: dict[str, Any], patch: str, axes: list[SweepAxis], point: GridPoint) -> Scene:
-    """The scene of a point: the document with the values of the point in place. Raises PatchError."""
-    data = copy.deepcopy(data)
+    """The scene of a point: the document with the values of the point in place. Events that come after its seconds are
+    left out, as `--seconds` leaves them out. Raises PatchError."""
+    data, seconds = copy.deepcopy(data), None
     for axis, value in zip(axes, point, strict=True):
-        set_value(data, axis.key_path, value)
+        if axis.key_path == SECONDS:
+            seconds = value
+        else:
+            set_value(data, axis.key_path, value)
+    if seconds is None:
+        return scene_of_document(data, Path(patch).parent, patch)
+    if is_number(seconds) and (end := float(seconds)) > 0.0:
+        scene = scene_of_document(data, Path(patch).parent, patch)
+        if end <= scene.seconds:
+            return scene_until(scene, end)
+    set_value(data, SECONDS, seconds)
     return scene_of_document(data, Path(patch).parent, patch)
+
+
+def scene_until(scene: Scene, seconds: float) -> Scene:
+    """A scene that ends earlier, without the events that come later."""
+    events = [event for event in scene.event if event.time < seconds]
+    fewer = {"event": events} if len(events) < len(scene.event) else {}
+    return scene.model_copy(update={"seconds": seconds, **fewer})
+
+
+def describe_late_events(scene: Scene, axes: list[SweepAxis]) -> list[str]:
+    """A line, in a list, if the shortest sound of a sweep over seconds leaves out events of the patch."""
+    ends = [bound for axis in axes if axis.key_path == SECONDS for bound in axis.bounds if is_number(bound)]
+    count = sum(event.time >= min(map(float, ends), default=math.inf) for event in scene.event)
+    if not count:
+        return []
+    what = "an event that comes" if count == 1 else f"{count} events that come"
+    return [f"seconds: {what} later than {min(map(float, ends)):g} s are left out where the sound ends before"]
 
 
 def grid_points(axes: list[SweepAxis]) -> list[GridPoint]:
@@ -129,7 +162,8 @@ def plan_sweep(
             continue
         faults += _check_axis(axis, axes, args)
         axes.append(axis)
-    note_axes, note_faults = _note_axes(args, scene)
+    left_out = describe_late_events(scene, axes)
+    note_axes, note_faults = _note_axes(args, scene, left_out)
     axes, faults = axes + note_axes, faults + note_faults
     count = numbers["random"] or math.prod(axis.count or len(axis.bounds) for axis in axes)
     if count > MAX_GRID_POINTS:
@@ -143,12 +177,14 @@ def plan_sweep(
         return SweepPlan(args.patch, data, axes, []), faults
     points = random_points(axes, count, numbers["seed"] or 0) if numbers["random"] else grid_points(axes)
     hold = lengths.get("hold") or HOLD_SECONDS
-    plan = SweepPlan(args.patch, data, axes, points, hold, lengths.get("seconds") or hold + TAIL_SECONDS)
+    seconds = lengths.get("seconds") or hold + TAIL_SECONDS
+    plan = SweepPlan(args.patch, data, axes, points, hold, seconds, tuple(left_out))
     return plan, check_axes(plan)
 
 
-def _note_axes(args: argparse.Namespace, scene: Scene) -> tuple[list[SweepAxis], list[Fault]]:
-    """The axes of the notes that the options name, and their faults."""
+def _note_axes(args: argparse.Namespace, scene: Scene, left_out: list[str]) -> tuple[list[SweepAxis], list[Fault]]:
+    """The axes of the notes that the options name, and their faults. left_out: where to add a line of the keys of a
+    range that the instrument does not have"""
     axes, faults = list[SweepAxis](), list[Fault]()
     if args.notes is None:
         given = [f"--{option}" for option in ("velocities", "hold", "sfz") if getattr(args, option)]
@@ -160,7 +196,7 @@ def _note_axes(args: argparse.Namespace, scene: Scene) -> tuple[list[SweepAxis],
         if args.sfz and getattr(args, option):
             faults.append(Fault("--sfz", f"requires all notes, one of each; leave out --{option}"))
     parsers: list[tuple[str, Callable[[], SweepAxis]]] = [
-        (NOTE, lambda: parse_notes(args.notes, scene)),
+        (NOTE, lambda: parse_notes(args.notes, scene, left_out)),
         (VELOCITY, lambda: parse_velocities(args.velocities)),
     ]
     for name, parse in parsers:
@@ -190,7 +226,7 @@ def _check_axis(axis: SweepAxis, others: list[SweepAxis], args: argparse.Namespa
     faults: list[Fault] = []
     if any(axis.key_path == other.key_path for other in others):
         faults.append(Fault("--vary", f"{axis.path}: it varies twice; give it once"))
-    if axis.key_path == ("seconds",) and args.notes is not None:
+    if axis.key_path == SECONDS and args.notes is not None:
         return [*faults, Fault("--vary", "seconds: --hold and --seconds set the length of notes; leave it out")]
     option = axis.key_path[-1] if axis.key_path[0] in ("seconds", "accuracy") else None
     if option is not None and getattr(args, str(option), None) is not None:

@@ -17,7 +17,7 @@ from engine.instrument.key_names import parse_key
 from engine.output_files import apply_gain, error_reason, resolve_subtype, save_audio
 from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
-from engine.provenance import source_digest
+from engine.provenance import source_digest, usable_cores
 from engine.sweep import index_csv
 from engine.sweep.common_gain import UNSCALED_FOLDER, common_gain, rescale, sound_path
 from engine.sweep.index_csv import Cell, IndexRow
@@ -84,7 +84,7 @@ def sweep_from_arguments(plan: SweepPlan, folder: Path, args: argparse.Namespace
     args: with numbers, or None, for seconds, samplerate, gain and cores; and accuracy, the settings
     """
     options = {"seconds": args.seconds, "samplerate": args.samplerate or 44_100} | args.accuracy
-    renderer: Renderer = partial(run_local, cores=args.cores or os.cpu_count() or 1)
+    renderer: Renderer = partial(run_local, cores=args.cores or usable_cores())
     if args.cluster is not None:
         from engine.sweep.dask_workers import run_dask
 

@@ -94,7 +94,10 @@ def _render_in_folder(task: RenderTask, folder: Path) -> RenderResult:
         "newton_mean": newton.mean,
         "newton_max": newton.max,
         "unconverged": newton.unconverged,
+        "capped": newton.solve_outcomes.capped,
         "energy_error": stats.energy.error_max,
+        "trusted": int(stats.trusted),
+        "reasons": "; ".join(stats.reasons),
     }
     if explain_silence(scene, stats.seconds, stats.samplerate, stats.peak, stats):  # what rounding leaves is no sound
         cells["silent"] = 1.0

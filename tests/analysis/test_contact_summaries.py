@@ -23,6 +23,7 @@ def wall(seconds=0.05, oversample=1, **contact):
     return engine.render(engine.load(told), seconds=seconds, trace=True, oversample=oversample).contacts
 
 
+@pytest.mark.hard_for("4")
 @pytest.mark.parametrize("oversample", [1, 4])
 def test_a_mass_on_a_linear_wall_has_the_numbers_of_half_an_oscillation(oversample):
     """Half a period π·√(m/k), twice the momentum, v·√(m·k) and v·√(m/k), at times far finer than a sample."""

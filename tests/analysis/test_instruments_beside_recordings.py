@@ -42,8 +42,11 @@ def compare(rendered, recorded):
     return list(compare_keys(KEYS, recorded, rendered))
 
 
+@pytest.mark.hard
 def test_an_instrument_is_not_far_from_itself():
-    for result in compare(keyboard(), keyboard()):
+    results = list(compare(keyboard(), keyboard()))
+    assert results
+    for result in results:
         off = result.off
         assert off.levels < 0.5  # noise of other lengths
         assert off.stiffness < 0.01 and off.brightness < 0.01
@@ -52,10 +55,13 @@ def test_an_instrument_is_not_far_from_itself():
         assert result.recorded.brightness == pytest.approx(1.0, rel=0.1)
 
 
+@pytest.mark.hard
 def test_each_difference_is_seen_in_its_own_column():
     """Strings half as stiff again, that fall 1.3 times as fast at first and half as fast later, and brighten twice as
     fast."""
-    for result in compare(keyboard(4.5e-4, 26.0, 2.5, 2.0), keyboard()):
+    results = list(compare(keyboard(4.5e-4, 26.0, 2.5, 2.0), keyboard()))
+    assert results
+    for result in results:
         assert result.off.stiffness == pytest.approx(0.5, rel=0.03)
         assert result.off.early == pytest.approx(1.3, rel=0.1)
         assert result.off.late == pytest.approx(2.0, rel=0.1)
@@ -63,6 +69,7 @@ def test_each_difference_is_seen_in_its_own_column():
         assert result.rendered.inharmonicity == pytest.approx(4.5e-4, rel=0.03)
 
 
+@pytest.mark.hard
 def test_a_neighbour_that_is_retuned_has_the_stiffness_of_its_own_strings():
     """Playing a sound faster keeps B, and makes it fall faster by the interval."""
     result = compare(keyboard(), keyboard())[0]
@@ -77,6 +84,7 @@ def test_a_faster_and_a_slower_fall_are_equally_far():
     assert np.isnan(slope_factor(np.full(4, np.nan), recorded))
 
 
+@pytest.mark.hard
 def test_keys_that_were_fitted_are_counted_apart():
     def bad_where_not_fitted(key, velocity, seconds):
         return keyboard(late=5.0 if key == KEYS[0] else 20.0)(key, velocity, seconds)
@@ -90,6 +98,7 @@ def test_keys_that_were_fitted_are_counted_apart():
     assert by_name["third octaves, dB"]["target met"] == "not met"
 
 
+@pytest.mark.hard
 def test_a_key_that_the_instrument_lacks_has_a_row_and_counts_in_no_mean():
     results = compare(lambda key, velocity, seconds: None, keyboard())
     assert key_row(results[0])[:3] == ["C3", "", ""]
@@ -105,6 +114,7 @@ def test_tuning_on_more_than_one_key_in_three_is_refused(monkeypatch, capsys):
     assert "one in three" in capsys.readouterr().err
 
 
+@pytest.mark.hard
 def test_a_number_is_fitted_to_recorded_notes(monkeypatch):
     """Hammers of twice the speed of those recorded are slower once it is fitted; a board has no lid."""
     document = tomllib.loads((ROOT / "patches" / "templates" / "piano.toml").read_text("utf-8"))

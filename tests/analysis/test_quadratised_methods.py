@@ -53,6 +53,7 @@ def difference(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.linalg.norm(one - other) / np.linalg.norm(other))
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("rule", CONSERVING)
 @pytest.mark.parametrize(("name", "frames"), EXCITED)
 def test_two_step_pseudo_energy_is_conserved(rule: int, name: str, frames: int) -> None:
@@ -89,10 +90,12 @@ def check_stretching(name: str) -> None:
     assert many.motion < few.motion / 8 and many.energy < few.energy / 8
 
 
+@pytest.mark.hard
 def test_a_two_step_method_is_of_order_2_on_a_string_that_stretches() -> None:
     check_stretching("SAV, one for each contact")
 
 
+@pytest.mark.hard
 def test_a_two_step_method_excites_modes_near_half_the_sample_rate() -> None:
     """In a string that stretches, at one step per sample, where the direction of the force is explicit."""
     problem = problem_of("stretching_string")
@@ -111,6 +114,7 @@ def test_methods_are_of_order_2_on_a_string_that_stretches(name: str) -> None:
     check_stretching(name)
 
 
+@pytest.mark.hard
 def test_the_spline_is_not_made_for_a_string_that_stretches() -> None:
     problem = problem_of("stretching_string")
     assert not was_applicable(METHODS["quadratic spline potential"].simulate(problem, 1))
@@ -135,6 +139,7 @@ def test_methods_agree_when_steps_are_short(name: str) -> None:
     assert difference(METHODS[name].simulate(problem, 40).displacement, exact) < 1e-3
 
 
+@pytest.mark.hard
 def test_two_step_contacts_do_not_pull() -> None:
     trajectory, _ = run(problem_of("tanpura", 200), 1, rules.NON_ADHESIVE, IMPULSE)
     assert trajectory.force.max() > 0
@@ -150,6 +155,7 @@ def test_contacts_do_not_pull(name: str, problem: str) -> None:
     assert force.min() >= -1e-12 * force.max()
 
 
+@pytest.mark.hard
 def test_what_blows_up_is_returned() -> None:
     trajectory, _ = run(problem_of("hammer_c4", 400), 1, rules.PLAIN, CENTRED)
     assert not np.isfinite(trajectory.q).all()

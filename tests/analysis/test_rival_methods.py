@@ -45,39 +45,46 @@ def check_order(name: str, problem: Problem, order: float, steps: list[int]) -> 
     assert slope([1.0 / n for n in steps], errors(name, problem, steps)) == pytest.approx(order, abs=0.4)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", SECOND)
 def test_methods_of_order_2(name):
     check_order(name, of_the_ruler("repelled_oscillator"), 2, [2, 4, 8, 16])
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", SECOND)
 @pytest.mark.parametrize("problem", ["hammer_c2", pytest.param("hammer_c4", marks=pytest.mark.slow)])
 def test_methods_of_order_2_with_many_modes(name, problem):
     check_order(name, of_the_ruler(problem), 2, [8, 16, 32])
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", FOURTH)
 def test_methods_of_order_4_while_the_contact_is_closed(name):
     problem = shortened(meeting_a_barrier(1e10)._replace(barrier=np.array([-2e-3])), 0.01)
     check_order(name, problem, 4, [2, 4, 8])
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", FOURTH)
 def test_methods_of_order_4_where_the_contact_closes(name):
     found = errors(name, of_the_ruler("hammer_c2"), [2, 4, 8, 16])
     assert slope([0.5, 0.25, 0.125, 0.0625], found) > 3.3  # the exponent is 2.3
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", SECOND)
 def test_methods_of_order_2_on_a_string_that_stretches(name):
     check_order(name, of_the_ruler("stretching_string", 0.003), 2, [8, 16, 32])
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", FOURTH)
 def test_methods_of_order_4_on_a_string_that_stretches(name):
     check_order(name, of_the_ruler("stretching_string", 0.003), 4, [8, 16, 32])
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", FDN + RIGID)
 def test_methods_of_linear_modes_say_that_a_string_that_stretches_is_not_for_them(name):
     result = METHODS[name].simulate(of_the_ruler("stretching_string"), 1)
@@ -87,12 +94,14 @@ def test_methods_of_linear_modes_say_that_a_string_that_stretches_is_not_for_the
 FRICTION = ["Störmer-Verlet, linear part exact", "RK4, linear part exact", "friction curve, hysteresis"]
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", [n for n in METHODS if n not in FRICTION and n != "DOP853"])
 def test_methods_of_contacts_say_that_friction_is_not_for_them(name):
     result = METHODS[name].simulate(of_the_ruler("bowed_string"), 1)
     assert not was_applicable(result) and np.isnan(result.displacement).all()
 
 
+@pytest.mark.hard
 def test_the_friction_curve_says_that_contacts_are_not_for_it():
     assert not was_applicable(METHODS["friction curve, hysteresis"].simulate(of_the_ruler("hammer_c2"), 1))
 
@@ -104,17 +113,20 @@ def bowed(seconds: float, **changes: float) -> Problem:
     return problem._replace(friction=np.array(law))
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize(("name", "order"), [(FRICTION[0], 2), (FRICTION[1], 4)])
 def test_orders_while_a_bow_sticks(name, order):
     check_order(name, bowed(0.001, force=1e3), order, [8, 16, 32])
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", FRICTION[:2])
 def test_errors_vanish_where_a_bow_sticks_and_slides(name):
     few, _, many = errors(name, bowed(0.001), [8, 32, 128])
     assert many < few / 20 and many < 1e-6
 
 
+@pytest.mark.hard
 def test_dop853_meets_the_reference_of_a_bowed_string():
     problem, reference = load_problem("bowed_string")
     coarse, fine = (simulate_dop853(shortened(problem, 0.004), tolerance).displacement for tolerance in (1e-6, 1e-9))
@@ -131,11 +143,13 @@ def test_the_friction_curve_is_the_law_of_a_stiff_bristle_without_weakening():
     assert error(by_curve.displacement, by_bristle.displacement) < 1e-3
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", SECOND)
 def test_methods_of_order_2_with_contact_loss(name):
     check_order(name, of_the_ruler("hammer_c4", 0.003), 2, [16, 32, 64])
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("exponent", [1.0, 3.0])
 @pytest.mark.parametrize("name", FDN)
 def test_fdn_is_of_order_2_for_its_exponents(name, exponent):
@@ -144,12 +158,14 @@ def test_fdn_is_of_order_2_for_its_exponents(name, exponent):
     check_order(name, problem._replace(exponent=np.array([exponent]), stiffness=stiffness), 2, [4, 8, 16, 32])
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", FDN)
 def test_fdn_is_not_applicable_to_other_exponents(name):
     found = METHODS[name].simulate(of_the_ruler("hammer_c2"), 1)
     assert not was_applicable(found) and np.isnan(found.displacement).all()
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize(
     ("name", "older"),
     [
@@ -179,6 +195,7 @@ def bounced_rigidly(problem: Problem, restitution: float) -> np.ndarray:
     return np.where(t < meets, -amplitude * np.cos(omega * t), barrier * np.cos(omega * (t - meets)))
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", RIGID)
 def test_moreau_jean_converges_to_the_rigid_contact(name):
     problem = shortened(meeting_a_barrier(1e9), 0.003)  # until it comes back, with restitution 0 to just touch
@@ -187,6 +204,7 @@ def test_moreau_jean_converges_to_the_rigid_contact(name):
     assert found[2] < 0.1 * found[0] and found[2] < 2e-3
 
 
+@pytest.mark.hard
 def test_moreau_jean_keeps_the_energy_of_elastic_impacts():
     problem = of_the_ruler("joined", 0.05)
     found = METHODS["Moreau-Jean, θ = 1/2, e = 1"].simulate(problem, 1)
@@ -194,6 +212,7 @@ def test_moreau_jean_keeps_the_energy_of_elastic_impacts():
     assert found.force.max() > 0.0 and energy == pytest.approx(energy[0], rel=1e-10)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", SECOND + FOURTH + ["DOP853"])
 def test_force_is_the_mean_over_the_sample(name):
     problem = of_the_ruler("barrier", 0.02)
@@ -202,6 +221,7 @@ def test_force_is_the_mean_over_the_sample(name):
     assert -found.force @ problem.shapes[:, 0] == pytest.approx(momentum, abs=1e-6 * np.abs(momentum).max())
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", SECOND + FOURTH)
 def test_without_contact_an_exact_linear_part_is_exact(name):
     problem = of_the_ruler("hammer_c2")
@@ -221,6 +241,7 @@ def test_methods_converge_on_hard_problems(name, problem):
     assert found[1] < 0.1 * found[0] and found[1] < 1e-3
 
 
+@pytest.mark.hard
 def test_the_midpoint_solves_its_equations():
     problem = of_the_ruler("snare", 0.005)
     found = METHODS["implicit midpoint"].simulate(problem, 1)
@@ -239,6 +260,7 @@ def test_which_methods_are_stable():
     assert largest_stable_stiffness(METHODS["FDN"].simulate) == 0.0  # not applicable to the exponent
 
 
+@pytest.mark.hard
 def test_blowing_up_is_no_exception():
     problem = of_the_ruler("tanpura", 0.003)
     for name in [*SECOND, *FOURTH, *FDN, *RIGID]:

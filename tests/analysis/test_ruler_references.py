@@ -5,8 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.special import beta, ellipj
+import scipy
 
 from bench.ruler import reference
 from bench.ruler.make_references import DIGESTS, FOLDER, MAX_DIFFERENCE, digest_arrays
@@ -121,7 +120,9 @@ def test_an_oscillator_on_a_spring_moves_by_sines():
     away, pressed = pi / omega, pi / high
     turn = t % (away + pressed)
     exact = np.where(turn < away, -np.sin(omega * turn) / omega, np.sin(high * (turn - away)) / high) * speed
-    for found in displacements(one_mode(omega=omega, p=-speed, stiffness=stiffness)):
+    motions = list(displacements(one_mode(omega=omega, p=-speed, stiffness=stiffness)))
+    assert motions
+    for found in motions:
         assert np.abs(found - exact).max() < 1e-16 * np.abs(exact).max()
 
 
@@ -135,16 +136,19 @@ def test_a_mass_falls_on_a_spring_by_parabolas_and_sines():
     after = t - fall - pressed
     exact = np.where(t < fall, -height + weight * t * t / 2, np.where(after < 0, depth, 0))
     exact = np.where(after > 0, weight * after * after / 2 - speed * after, exact)
-    for found in displacements(one_mode(weight=float(weight), q=-float(height), stiffness=float(stiffness))):
+    motions = list(displacements(one_mode(weight=float(weight), q=-float(height), stiffness=float(stiffness))))
+    assert motions
+    for found in motions:
         assert np.abs(found - exact).max() < 3e-16 * float(height)
 
 
+@pytest.mark.hard_for("2.5", "3.0")
 @needs_extended_precision
 @pytest.mark.parametrize("exponent", [1.0, 1.3, 1.5, 2.0, 2.5, 3.0])
 def test_contact_takes_as_long_as_the_beta_function_says(exponent):
     speed, stiffness = 2.0, 1e6
     deepest = (0.5 * (exponent + 1) * speed**2 / stiffness) ** (1 / (exponent + 1))
-    duration = 2 * deepest / speed * beta(1 / (exponent + 1), 0.5) / (exponent + 1)
+    duration = 2 * deepest / speed * scipy.special.beta(1 / (exponent + 1), 0.5) / (exponent + 1)
     frames = math.ceil((duration + 2e-3) * SAMPLERATE)
     problem = one_mode(q=-1e-3, p=speed, stiffness=stiffness, exponent=exponent, frames=frames)
     solution = reference.solve(problem)
@@ -183,8 +187,10 @@ def test_a_mode_that_stretches_moves_by_the_elliptic_cosine():
     problem = one_mode(omega=omega, q=far, barrier=1.0, stretch=[[k]])
     squared = omega**2 + (k * far) ** 2
     t = np.arange(401) / SAMPLERATE
-    exact = far * ellipj(np.sqrt(squared) * t, (k * far) ** 2 / (2 * squared))[1]
-    for motion in displacements(problem):
+    exact = far * scipy.special.ellipj(np.sqrt(squared) * t, (k * far) ** 2 / (2 * squared))[1]
+    motions = list(displacements(problem))
+    assert motions
+    for motion in motions:
         assert np.abs(motion - exact).max() < 3e-14 * far  # of SciPy, which is in double precision
 
 
@@ -258,6 +264,7 @@ def check_again(name):
     assert np.abs(force - known.force)[: known.horizon].max() < 1e-11 * np.abs(known.force).max()
 
 
+@pytest.mark.hard_for("lossy_bounce")
 @needs_extended_precision
 @pytest.mark.parametrize("name", CHEAP)
 def test_a_problem_solved_again_is_the_same(name):
@@ -288,7 +295,7 @@ def test_what_scipy_makes_of_the_arrays_without_events_is_near(name):
 
     scale = np.sqrt(np.sum(problem.p**2 + problem.omega**2 * problem.q**2))
     times = np.arange(frames + 1) / problem.samplerate
-    found = solve_ivp(
+    found = scipy.integrate.solve_ivp(
         derivative,
         (0, times[-1]),
         np.concatenate([problem.q, problem.p]),

@@ -107,7 +107,7 @@ def test_pickups_without_gain(silent):
 
 def untouched(initial_energy: float) -> SimulationStatistics:
     """Of 0.1 s without any contact."""
-    newton = NewtonStatistics(0, 0.0, 0, 0, 0, [], SolveOutcomes(4410, 0, 0, 0, 0, 0))
+    newton = NewtonStatistics(0, 0.0, 0, 0, 0, 0, 0, [], SolveOutcomes(4410, 0, 0, 0, 0, 0))
     energy = EnergyStatistics(initial_energy, initial_energy, 0.0, 0.0, 0.0, 0.0)
     return SimulationStatistics(newton, energy, EffectStatistics([], []), Activity(1.0, 0.0, 0.0))
 

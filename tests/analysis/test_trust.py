@@ -24,14 +24,15 @@ def test_a_sound_render_is_trusted(tmp_path, capsys):
     assert stats["trusted"] is True and stats["reasons"] == [] and stats["warnings"] == []
 
 
-NEWTON = NewtonStatistics(90, 2.0, 2, 2, 0, [0, 0, 90], SolveOutcomes(10, 0, 0, 90, 0, 0))
+NEWTON = NewtonStatistics(90, 2.0, 2, 2, 0, 0, 0, [0, 0, 90], SolveOutcomes(10, 0, 0, 90, 0, 0))
 CLEAN = 1e-14
 
 
 @pytest.mark.parametrize(
     "newton, energy, finite, why",
     [
-        (replace(NEWTON, unconverged=3), CLEAN, True, "3 contact solves failed"),
+        (replace(NEWTON, reversed_steps=3), CLEAN, True, "the forces of 3 steps were not found"),
+        (replace(NEWTON, loose_tensions=2), CLEAN, True, "the tensions of 2 steps were not found"),
         (NEWTON, float("nan"), True, "energies are not finite"),
         (NEWTON, 2e-9, True, "the energy error is 2.0e-09"),
         (NEWTON, CLEAN, False, "samples are not finite"),

@@ -30,7 +30,9 @@ def dbfs(audio):
 
 def played_live(scene, osc=None):
     """The player that `fdh play` makes of a scene."""
-    asked = argparse.Namespace(cores=1, seconds=None, midi=None, osc=osc, voices=None, watch=False, block_size=256)
+    asked = argparse.Namespace(
+        cores=1, seconds=None, midi=None, osc=osc, voices=None, watch=False, block_size=256, event_log=None
+    )
     asked.kernel, asked.json, asked.ignore_speed, asked.gain, asked.accuracy = "general", True, True, None, {}
     factory = PlayerFactory(asked, RATE, 2)
     return factory.make_player(factory.prepare(scene), 0.1)
@@ -54,7 +56,9 @@ def ball(tmp_path, monkeypatch):
 
 
 def test_every_shipped_patch_has_a_level():
-    for name in shipped_names():
+    names = shipped_names()
+    assert len(names) > 40
+    for name in names:
         patch = tomllib.loads((SHIPPED_PATCHES / f"{name}.toml").read_text("utf-8"))
         assert isinstance(patch.get("level"), float), name
 

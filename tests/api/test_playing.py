@@ -104,7 +104,7 @@ def test_a_pluck_leaves_the_input_alone():
         (lambda p: p.read(2, np.zeros(2, np.int16)), TypeError, "the input is an array of int16; give floating-point"),
         (lambda p: p.read(2, [math.nan, 0.0]), ValueError, "not finite; give numbers, full scale = 1"),
         (lambda p: engine.Player(REED, gain=1.0).read(1, [0.0]), ValueError, "has no input; Player(scene, input="),
-        (lambda p: engine.Player(REED, input="mic"), TypeError, "'mic' is not an input; give one, such as engine.Aud"),
+        (lambda p: engine.Player(REED, input="mic"), TypeError, "'mic' is not an input; give one, such as fdh.Aud"),
         (lambda p: engine.Player(REED, input=engine.AudioInput("red")), engine.PatchError, '"red"'),
         (lambda p: engine.Player(REED, voices=2, input=engine.AudioInput("reed")), ValueError, "leave out voices"),
         (lambda p: engine.Player(REED, voces=2), TypeError, "Player has no argument 'voces'; did you mean \"voices\"?"),
@@ -118,6 +118,7 @@ def test_what_cannot_be_is_refused_with_the_remedy(call, kind, says):
     assert says in str(refused.value) and player.frame == 0
 
 
+@pytest.mark.system
 @needs_portaudio
 @needs_alsa
 def test_a_with_block_plays_on_a_device_and_fades_out_at_its_end(file_device, tmp_path):

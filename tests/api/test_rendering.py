@@ -128,9 +128,9 @@ def test_a_rendering_makes_a_page_of_its_scene():
 @pytest.mark.parametrize(
     ("call", "kind", "says"),
     [
-        (lambda: engine.render(None), TypeError, 'None is not a scene; give one, such as engine.load("tanpura")'),
-        (lambda: engine.render("tanpura"), TypeError, "not a scene; give engine.load('tanpura')"),
-        (lambda: engine.render({"body": []}), TypeError, "give engine.load of it"),
+        (lambda: engine.render(None), TypeError, 'None is not a scene; give one, such as fdh.load("tanpura")'),
+        (lambda: engine.render("tanpura"), TypeError, "not a scene; give fdh.load('tanpura')"),
+        (lambda: engine.render({"body": []}), TypeError, "give fdh.load of it"),
         (lambda: engine.render(BALL, "long"), TypeError, "seconds = 'long' is not a number; give one, such as 1.0"),
         (lambda: engine.render(BALL, samplerate=44.1e3), TypeError, "samplerate = 44100.0 is not a whole number"),
         (lambda: engine.render(BALL, samplerate=44), ValueError, "samplerate = 44 is out of range; 4000 to 768000 Hz"),
@@ -138,10 +138,10 @@ def test_a_rendering_makes_a_page_of_its_scene():
         (lambda: engine.render(BALL, cores="two"), TypeError, "cores = 'two' is not a whole number"),
         (lambda: engine.render(BALL, oder=4), TypeError, "no argument 'oder'; did you mean \"order\"?"),
         (lambda: engine.render(BALL, order=3), ValueError, "order = 3 is out of range"),
-        (lambda: engine.load(3), TypeError, '3 is not a path; give one, or a shipped name: engine.load("tanpura")'),
+        (lambda: engine.load(3), TypeError, '3 is not a path; give one, or a shipped name: fdh.load("tanpura")'),
         (lambda: engine.load(None), TypeError, "None is not a path"),
         (lambda: engine.load({"bdy": []}), engine.PatchError, 'scene bdy: unknown key; did you mean "body"?'),
-        (lambda: engine.Player("tanpura"), TypeError, "give engine.load('tanpura')"),
+        (lambda: engine.Player("tanpura"), TypeError, "give fdh.load('tanpura')"),
         (lambda: engine.Player(BALL, gain="loud"), TypeError, "gain = 'loud' is not a number"),
         (lambda: engine.Player(BALL, samplerate=4.5), TypeError, "samplerate = 4.5 is not a whole number"),
         (

@@ -11,7 +11,10 @@ from conftest import ROOT
 
 from engine import audio_formats
 from engine.cli import main
+from engine.live.audio_recording import Recording
 from engine.output_files import save_audio
+from engine.report.html import encode_for_browser
+from engine.sweep.common_gain import rescale
 
 PATCH = str(ROOT / "patches" / "repelled_oscillator.toml")
 RATES = 4000, 8000, 11_025, 44_100, 48_000, 65_535, 65_536, 96_000, 192_000, 200_000, 200_001, 384_000, 655_350, 768_000
@@ -91,6 +94,7 @@ def test_all_else_is_held(tmp_path, kind):
         held = tuple(count for count in COUNTS if not audio_formats.explain_unsupported_format(output, rate, count))
         groups.setdefault((True, held), []).append(rate)
         groups.setdefault((False, tuple(set(COUNTS) - set(held))), []).append(rate)
+    assert kind == "SD2" or any(good and counts for good, counts in groups), "nothing is held"
     for (good, counts), rates in groups.items():
         alone = [[rate] for rate in rates] if kind == "OGG" and not good else [rates]
         for some in alone if counts and kind != "SD2" else []:
@@ -99,3 +103,50 @@ def test_all_else_is_held(tmp_path, kind):
                 assert code != 0, some
             else:
                 assert code == 0 and {told for *_, told in found} == {str(good)}, (found, good)
+
+
+def noise(bits: int) -> np.ndarray:
+    """Noise of many steps of so many bits, and full scale and more at its end [frames, 2]."""
+    sound = np.random.default_rng(bits).uniform(-0.9, 0.9, (40_000, 2))
+    return np.vstack([sound, [[1.0, -1.0], [1.5, -1.5], [1.0 - 2.0**-30, -1.0 - 2.0**-30]]])
+
+
+def check_rounded(path: Path, sound: np.ndarray, bits: int) -> None:
+    """The samples of a file are the nearest to those of a sound, and none has wrapped."""
+    read, step = soundfile.read(path, dtype="int32", always_2d=True)[0], 2.0 ** (1 - bits)
+    errors = (read * 2.0**-31 - np.clip(sound, -1.0, 1.0 - step)) / step
+    assert abs(errors).max() <= 0.5 + 1e-6
+    assert abs(errors[:-3].mean()) < 0.01
+    assert (np.sign(read[-3:]) == np.sign(sound[-3:])).all()
+
+
+@pytest.mark.parametrize("bits", [16, 24])
+@pytest.mark.parametrize("kind", [".wav", ".flac", ".aiff", ".caf", ".w64"])
+def test_integers_are_rounded_and_full_scale_does_not_wrap(tmp_path, kind, bits):
+    """In files, in recordings of live sound in blocks, and at one gain after a sweep."""
+    sound, path, subtype = noise(bits), tmp_path / f"a{kind}", f"PCM_{bits}"
+    save_audio(path, sound, 44_100, subtype)
+    check_rounded(path, sound, bits)
+    single = sound.astype(np.float32)
+    recording = Recording(tmp_path / f"b{kind}", 44_100, 2, subtype)
+    for begin in range(0, len(single), 1000):
+        recording.write(single[begin : begin + 1000])
+    recording.close()
+    check_rounded(tmp_path / f"b{kind}", single.astype(float), bits)
+    save_audio(tmp_path / "c.wav", sound, 44_100, "DOUBLE")
+    rescale(tmp_path / "c.wav", path, 0.0, subtype)
+    check_rounded(path, sound, bits)
+
+
+@pytest.mark.parametrize("kind", [".aiff", ".flac"])
+def test_a_format_that_chooses_integers_by_itself_rounds_them_too(tmp_path, kind):
+    sound, path = noise(16), tmp_path / f"a{kind}"
+    save_audio(path, sound, 44_100, None)
+    check_rounded(path, sound, 16)
+
+
+def test_previews_of_reports_are_rounded(tmp_path):
+    data, kind = encode_for_browser(noise(16), 44_100)
+    assert kind == "audio/flac"
+    (tmp_path / "a.flac").write_bytes(data)
+    check_rounded(tmp_path / "a.flac", noise(16), 16)

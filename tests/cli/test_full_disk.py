@@ -30,6 +30,7 @@ def limited(code, folder):
     return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.hard_for("a.wav", "a.ogg", "a.flac")
 @unix
 @pytest.mark.parametrize("name", ["a.wav", "a.flac", "a.ogg", "a.mp3", "a.aiff", "a.caf"])
 def test_no_format_hides_that_the_disk_is_full(tmp_path, name):
@@ -73,6 +74,7 @@ def test_a_sweep_says_which_file_and_goes_on(tmp_path, monkeypatch):
     assert swept(folder, NEAR)[1] == [2, 3]
 
 
+@pytest.mark.system
 @unix
 def test_a_sweep_of_too_little_room_on_the_command_line(tmp_path):
     """One line, exit code 1, and the next run goes on."""

@@ -15,6 +15,7 @@ from engine.cli import progress
 from engine.cli.messages import describe_bodies
 from engine.live.player import Player
 from engine.live.replay import replay
+from engine.offline.simulation import Simulation
 
 BALL = ROOT / "patches" / "bouncing_ball.toml"
 
@@ -85,6 +86,16 @@ def test_what_is_large_is_named_before_it_is_built_then_how_long_it_will_take(im
         assert re.fullmatch(r"rendering: 50% done, about \d+ s left", wait_for("50%", capsys)[-1])
 
 
+def test_a_task_that_says_the_time_left_is_not_guessed_at_when_it_does_not_know():
+    """A last part of which no share is known may take many times what the mean speed says."""
+    task = progress.Progress("comparing settings")
+    task(0.0, "building")
+    task(0.5, "timing", 30.0)
+    assert task.seconds_left() == pytest.approx(30.0, abs=1.0)
+    task(0.95, "comparing with other methods")
+    assert task.seconds_left() is None and task.describe_rest() == ""
+
+
 def test_the_time_left_is_as_the_task_says_where_it_knows_better_than_the_mean_speed(impatient, capsys):
     """It falls while nothing is reported, and is not shown once it is over."""
     with progress.progress_feedback("comparing settings") as update:
@@ -147,3 +158,21 @@ def test_long_tasks_tell_the_share_done(task):
         replay(player.log(), shares.append)
     assert shares == sorted(shares) and len(set(shares)) > 1
     assert 0.0 <= shares[0] < 0.1 and 0.5 < shares[-1] <= 1.0
+
+
+def test_how_long_a_slow_rendering_will_take_is_said_in_its_first_moments(impatient, monkeypatch, capsys):
+    """The first samples tell, though each takes 10 ms; not only the second chunk."""
+    block, said = Simulation.render_block, []
+
+    def slow(self, out, trace=None):
+        time.sleep(0.01 * len(out))
+        said.extend(capsys.readouterr().err.splitlines())
+        if any("about" in line for line in said):
+            raise KeyboardInterrupt
+        block(self, out, trace)
+
+    monkeypatch.setattr(Simulation, "render_block", slow)
+    with pytest.raises(KeyboardInterrupt) as stop, progress.progress_feedback("rendering", "1 mass") as update:
+        engine.render(engine.load(BALL), seconds=60.0, progress=update)
+    assert re.fullmatch(r"1 mass: about \d+ h", said[-1])
+    assert len(stop.value.rendering.audio) <= 64

@@ -60,6 +60,7 @@ def test_other_commands_take_the_name_too(tmp_path, monkeypatch, words):
         ("/usr/bin/fdh", "fdh"),
         ("C:/Scripts/fdh.exe", "fdh"),
         ("/lib/engine/__main__.py", "python -m engine"),
+        ("/lib/fdh/__main__.py", "python -m fdh"),
         ("/lib/pytest/__main__.py", "fdh"),
         ("", "fdh"),
     ],

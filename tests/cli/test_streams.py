@@ -155,6 +155,11 @@ def test_signs_that_cannot_be_shown(folder, encoding):
     assert reference.count("\n") == (ROOT / "docs" / "patches.md").read_text("utf-8").count("\n")
 
 
+@pytest.mark.hard_for(
+    "reference->&--render.py: cannot write to standard output (bad file descriptor)\\n",
+    "reference-| head -1 >/dev/null-",
+    "reference->/dev/full-render.py: cannot write to standard output (no space left on device)\\n",
+)
 @pytest.mark.parametrize(
     ("streams", "says"),
     [
@@ -176,6 +181,7 @@ def test_an_output_that_takes_nothing(folder, words, streams, says):
 NAMES = [b"b\xe4ll", "bäll→".encode()]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("name", mostly_hard(NAMES, NAMES[0]))
 def test_names_that_are_no_text(folder, name):
     """A patch and a sound whose names are bytes of another encoding; they are told as they are."""

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ pytestmark = [
     pytest.mark.hard,
     pytest.mark.skipif(shutil.which("uv") is None, reason="no uv to build and install with"),
 ]
+VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
 
 
 def uv(*words: str | Path) -> None:
@@ -76,16 +78,23 @@ def test_the_command_works_from_any_folder(installed, elsewhere):
 def test_the_package_works_from_any_folder(installed, elsewhere):
     python = lambda *words: run(installed, elsewhere, "python", *words)
     assert python("-m", "engine", "--help").startswith("usage: python -m engine ")
-    told = python("-c", "import engine; print(engine.load('tanpura').title, engine.__version__, engine.__file__)")
+    told = python("-c", "import fdh; print(fdh.load('tanpura').title, fdh.__version__, fdh.__file__)")
     assert "tanpura" in told.lower() and str(ROOT) not in told
+    assert python("-c", "import engine, fdh; print(fdh.Scene is engine.Scene)") == "True\n"
+    assert python("-m", "fdh", "--version") == f"fdh {VERSION}\n"
     names = python("-c", "import engine.files as f; print(*f.shipped_names())")
     assert names.split() == [path.stem for path in PATCHES]
-    marked = "import engine, pathlib; print((pathlib.Path(engine.__file__).parent / 'py.typed').exists())"
-    assert python("-c", marked) == "True\n"
+    marked = "import {0}, pathlib; print((pathlib.Path({0}.__file__).parent / 'py.typed').exists())"
+    assert all(python("-c", marked.format(name)) == "True\n" for name in ("engine", "fdh"))
 
 
 def test_nothing_but_the_package_is_installed(installed):
     (folder,) = {path.parent for path in installed.parent.rglob("fdh_engine-*.dist-info")}
     assert not [name for name in ("patches", "tests", "bench", "render.py") if (folder / name).exists()]
-    beside = [path for path in (folder / "engine").iterdir() if not path.is_dir()]
-    assert {path.name for path in beside} == {p.name for p in (ROOT / "engine").iterdir() if not p.is_dir()}
+    for name in ("engine", "fdh"):
+        beside = [path for path in (folder / name).iterdir() if not path.is_dir()]
+        assert {path.name for path in beside} == {p.name for p in (ROOT / name).iterdir() if not p.is_dir()}
+
+
+def test_the_citation_has_the_version():
+    assert f"\nversion: {VERSION}\n" in (ROOT / "CITATION.cff").read_text("utf-8")

@@ -4,10 +4,14 @@ import shutil
 from types import SimpleNamespace
 
 import llvmlite.binding
+import numba
 import pytest
 from conftest import ROOT
 
 from engine.compiler import cache
+from engine.compiler.kernels import Kernel
+from engine.compiler.kinds import INT
+from engine.faults import BuildError
 
 
 def test_the_digest_is_of_all_kernel_sources(fresh, tmp_path, monkeypatch):
@@ -65,3 +69,28 @@ def test_the_digest_is_of_what_numba_is_told(fresh, monkeypatch):
     cache.digest.cache_clear()
     monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
     assert cache.digest()[17:] != before[17:]
+
+
+@pytest.mark.parametrize("name", cache.OF_MACHINE_CODE)
+def test_the_digest_is_of_settings_that_reach_the_code_generator(fresh, monkeypatch, name):
+    """A kernel that was compiled under NUMBA_OPT=0 is 50 times slower, and is not used without it."""
+    monkeypatch.delenv(name, raising=False)
+    before = cache.digest()
+    cache.digest.cache_clear()
+    monkeypatch.setenv(name, "0")
+    after = cache.digest()
+    assert after[:17] == before[:17] and after[17:] != before[17:]
+
+
+def test_the_digest_is_of_the_file_that_numba_reads(fresh, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    before = cache.digest()
+    cache.digest.cache_clear()
+    (tmp_path / ".numba_config.yaml").write_text("opt: 0")
+    assert cache.digest()[17:] != before[17:]
+
+
+def test_a_numba_that_compiles_nothing_is_said_in_one_line(fresh, monkeypatch):
+    monkeypatch.setattr(numba.config, "DISABLE_JIT", 1)
+    with pytest.raises(BuildError, match=r"NUMBA_DISABLE_JIT is set, .*: kernels cannot be compiled; unset it"):
+        Kernel("engine.runtime.partitions", "help_crew")._compile((INT,))

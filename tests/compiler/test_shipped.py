@@ -68,6 +68,7 @@ def supported(name: str) -> bool:
     return platform.machine().lower() in target.machines and all(map(features.get, target.features))
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", NAMES)
 def test_its_samples_are_those_of_a_special_kernel(patch, name, fresh_choice, monkeypatch):
     if not supported(name):

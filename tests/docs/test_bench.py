@@ -2,10 +2,13 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
+import numpy as np
+import pytest
 from conftest import ROOT
 
-from bench.performance import scaling
+from bench.performance import block_times, pairs, scaling
 from bench.publish import compare, stale
 from bench.publish.report import stamp
 from engine.compiler import cache
@@ -103,3 +106,52 @@ def test_a_size_is_extrapolated_only_where_costs_lead_to_one():
     assert scaling.largest(sizes, [100.0, 103.0, 110.0, 140.0]) == "more than 64"
     assert scaling.largest(sizes, [1e3, 4e3, 16e3, 64e3]) == "22"
     assert scaling.largest(sizes, [1e5, 2e5, 3e5, 4e5]) == "fewer than 1"
+
+
+class Clockwork:
+    """A version of the engine that takes `ns` per sample; in each turn, something else delays another block."""
+
+    def __init__(self, ns: float, refuses: bool = False) -> None:
+        self.tree, self.ns, self.refuses, self.turn = Path("new"), ns, refuses, 0
+
+    def ask(self, seconds: float, frames: int, **_: object) -> dict:
+        if self.refuses:
+            return {"refused": "no such key"}
+        times = np.full(-(-round(seconds * pairs.RATE) // frames), frames * self.ns * 1e-9)
+        times[self.turn % times.size] += 0.1
+        self.turn += 1
+        return {"times": times.tolist(), "error": 1e-15, "capped": 0}
+
+
+def test_what_delays_some_blocks_does_not_change_the_ratio_of_two_versions():
+    old, new = pairs.measure([Clockwork(1000.0), Clockwork(1250.0)], {}, 1.0, 4)
+    assert new.ns / old.ns == pytest.approx(1.25) and old.ns == pytest.approx(1000.0, rel=0.03)
+    assert "1.250" in pairs.row("ball", old, new)
+    assert pairs.summary([[old, new], [new, old], [old, old]]).endswith("of 3: 1.000")
+    assert "refused by the new version: no such key" in pairs.measure(
+        [Clockwork(1.0), Clockwork(1.0, True)], {}, 1.0, 4
+    )
+
+
+def test_a_block_takes_about_a_millisecond_where_it_can():
+    assert [pairs.frames_of_block(ns) for ns in (5.0, 1000.0, 8500.0, 1e6)] == [8192, 1024, 128, 64]
+
+
+def test_each_render_that_is_timed_has_the_same_samples(patch):
+    """Also where events change the model, as the bow's do."""
+    performance = block_times.Performance(patch("bowed_violin").model_dump(mode="json", exclude_unset=True), 0.1)
+    performance.render(1024)
+    first = performance.audio.copy()
+    performance.render(256)
+    assert np.any(first) and np.array_equal(first, performance.audio)
+
+
+def test_pairs_are_of_two_versions_and_of_patches_that_there_are(capsys):
+    for words in ([], ["HEAD", "HEAD", "HEAD"]):
+        with pytest.raises(SystemExit) as end:
+            pairs.main(words)
+        assert end.value.code == 2
+    assert pairs.main(["HEAD", "--only=no_such_patch"]) == 2
+    assert pairs.main(["no-such-revision"]) == 2
+    assert "no_such_patch" in capsys.readouterr().err
+    assert len(pairs.documents(ROOT / "patches", [], 3)) == 3

@@ -56,6 +56,50 @@ def test_what_a_guide_says_works(guide, tmp_path, file_device):
     assert "nan" not in follow(guide, tmp_path, file_device[0]).lower().split()
 
 
+PAGES = [*sorted((ROOT / "docs").glob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+NOT_WORDS = "…", "&&", ">"  # of a command: what follows is another's, or left to the reader
+
+
+def commands_of(page: Path, program: str) -> list[list[str]]:
+    """Return the words after a program's name, of each command of a page: in its blocks and in its text."""
+    text = page.read_text("utf-8")
+    said = [line for kind, block in BLOCK.findall(text) if kind == "sh" for line in block.splitlines()]
+    said += [inline.replace("\n", " ") for inline in re.findall(r"`([^`]+)`", BLOCK.sub("", text))]
+    found = []
+    for command in said:
+        for after in re.findall(rf"(?:^|uv run |docs |&& |general ){program} (.*)", command):
+            words = shlex.split(after, comments=True)
+            found.append(words[: min((words.index(w) for w in NOT_WORDS if w in words), default=len(words))])
+    return [words for words in found if words and words[0] != "COMMAND"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_command_of_a_page_is_one_with_such_options(page):
+    """Those that no test runs too: `fdh` knows the command and the patch, and `bench` the name."""
+    from engine.cli.main import DEFAULT, build_parser
+    from engine.files import shipped_names
+
+    _, parsers = build_parser()
+    for words in commands_of(page, "fdh"):
+        if words[0].startswith("--"):
+            continue
+        is_command = words[0] in parsers
+        assert is_command or words[0] in (*shipped_names(), "PATCH") or words[0].endswith(".toml"), words
+        options = parsers[words[0] if is_command else DEFAULT]._option_string_actions
+        assert all(word.partition("=")[0] in options for word in words if re.match("--?[a-z]", word)), words
+    sweeps = [words for words in commands_of(page, "fdh") if words[0] == "sweep" and "-o" in words]
+    folders = {words[words.index("-o") + 1]: words for words in sweeps}
+    assert all(folders[words[words.index("-o") + 1]] == words for words in sweeps), "each sweep needs its own folder"
+    listed = subprocess.run(
+        [sys.executable, "-m", "bench"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    names = {line.split()[0] for line in listed.partition("\n\n")[2].splitlines()} | {"all", "NAME"}
+    assert "gallery" in names
+    assert "render" in parsers
+    for words in commands_of(page, "python -m bench"):
+        assert set(words[:1]) <= names, words
+
+
 @pytest.mark.hard
 @needs_portaudio
 @needs_alsa
@@ -69,13 +113,30 @@ def test_playing_live(tmp_path, file_device):
     assert rendering.any() and (rendering == again[: len(rendering)]).all()
 
 
-@pytest.mark.hard
-def test_the_worked_examples_of_a_law_and_of_an_effect(tmp_path):
-    """The changes that the guide shows, made to a copy of the engine."""
+def test_the_worked_examples_are_changes_of_the_engine_as_it_is(tmp_path):
+    changes = [
+        text for kind, text in BLOCK.findall((ROOT / "docs" / "extending.md").read_text("utf-8")) if kind == "diff"
+    ]
+    assert changes
+    for n, text in enumerate(changes):
+        (tmp_path / f"{n}.diff").write_text(text, "utf-8")
+        done = subprocess.run(
+            ["git", "apply", "--check", tmp_path / f"{n}.diff"], cwd=ROOT, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(
+    "kernel", [pytest.param("special", marks=pytest.mark.hard), pytest.param("general", marks=pytest.mark.slow)]
+)
+def test_the_worked_examples_of_a_law_and_of_an_effect(kernel, tmp_path):
+    """The changes that the guide shows, made to a copy of the engine. The general kernel takes minutes to compile."""
     copy = tmp_path / "copy"
     copy.mkdir()
-    shutil.copytree(ROOT / "engine", copy / "engine", ignore=shutil.ignore_patterns("__pycache__"))
-    assert "terminal velocity" in follow("extending", tmp_path, {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, copy)
+    for name in ("engine", "fdh"):
+        shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "FDH_KERNEL": kernel}
+    assert "terminal velocity" in follow("extending", tmp_path, environment, copy)
 
 
 CLAIMS_OF_THE_NOTEBOOK = """
@@ -103,7 +164,9 @@ def test_the_notebook_runs(tmp_path):
 def test_the_rows_of_a_table_are_as_long_as_its_head(page):
     """A row of another table stands out, as long as they have other columns."""
     text = re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL)
-    for table in re.findall(r"(?:^\|.*\|$\n)+", text, re.MULTILINE):
+    tables = re.findall(r"(?:^\|.*\|$\n)+", text, re.MULTILINE)
+    assert bool(tables) == ("| --- |" in text)
+    for table in tables:
         rows = [re.sub(r"\\\||`[^`]*`", "", row).count("|") for row in table.splitlines()]
         assert set(rows) == {rows[0]}, table.splitlines()[next(i for i, n in enumerate(rows) if n != rows[0])]
 

@@ -12,13 +12,14 @@ from conftest import ROOT
 GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]  # the changelog has names of before, too
 SOURCES = [path for room in ("engine", "bench", "tests") for path in sorted((ROOT / room).rglob("*.py"))]
 PACKAGES = sorted(path.parent.name for path in (ROOT / "engine").glob("*/__init__.py"))
-DOTTED = re.compile(r"\bengine(?:\.[A-Za-z_]\w*)+")
+DOTTED = re.compile(r"(?<![\w./-])(?:engine|fdh)(?:\.[A-Za-z_]\w*)+")
 IN_PACKAGE = re.compile(rf"`((?:{'|'.join(PACKAGES)})\.[a-z_]\w*)`")  # as docs/architecture.md has them
 FILE = re.compile(r"(?<![\w/.$:{}<>*-])((?:[\w-]+/)+[\w.-]+\.(?:py|md|toml|csv|png|json|npz|zip|ipynb|svg))\b")
 FOLDERS = ROOT, ROOT / "docs", ROOT / "engine"
 CODE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)#\s]+)[^)]*\)")
 DIFF = re.compile(r"^```diff\n.*?^```$", re.MULTILINE | re.DOTALL)  # names files as git does
+FILES = {"engine.py", "fdh.h", "fdh.c", "fdh.exe"}
 OF_THE_READER = {"hardness/index.csv"}  # files that the reader of a guide makes
 
 
@@ -59,8 +60,10 @@ def place(path: Path) -> str:
 
 @pytest.mark.parametrize("path", [*GUIDES, *SOURCES], ids=place)
 def test_names_and_files_that_are_named_exist(path):
-    for text in texts(path):
-        names = {name for name in DOTTED.findall(text) if name != "engine.py"}
+    read = texts(path)
+    assert read
+    for text in read:
+        names = {name for name in DOTTED.findall(text) if name not in FILES}
         if path in GUIDES:
             names |= {f"engine.{name}" for name in IN_PACKAGE.findall(text)}
         assert not [name for name in names if not exists(name)]
@@ -78,7 +81,8 @@ def test_a_name_that_does_not_exist_is_found():
     assert (
         exists("engine.kernel.interactions.one_way_drive.clear_drive")
         and exists("engine.Rendering.plot")
-        and exists("engine.load")
+        and exists("fdh.load")
+        and exists("fdh.offline.trace.TraceArrays.positions")
     )
     assert exists("engine.offline.render.RenderedArrays.audio") and exists("engine.patch.scene.Scene.body")
     assert (

@@ -67,6 +67,7 @@ def pages(built):
     return {path: Page(path) for path in built.rglob("*.html") if path.name != "404.html"}
 
 
+@pytest.mark.hard
 def test_the_gallery_links_pages_that_play(tmp_path, monkeypatch):
     """Those of the patches that can become one; each is among the files of the site."""
 

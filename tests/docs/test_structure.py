@@ -14,7 +14,17 @@ from kernel_shape import functions_of, measure_kernel
 
 # a package imports only from those to its left; those of one group do not know each other, but all know the first
 ORDER = [
-    ["wording", "faults", "argument_checks", "files", "audio_formats", "output_files", "provenance", "compiler"],
+    [
+        "wording",
+        "faults",
+        "argument_checks",
+        "files",
+        "audio_formats",
+        "output_files",
+        "provenance",
+        "compiler",
+        "arithmetic",
+    ],
     ["bodies", "kernel"],
     ["instrument"],
     ["patch"],
@@ -48,7 +58,8 @@ def imports(path: Path) -> set[str]:
 def test_a_package_imports_only_from_those_to_its_left(module):
     room = module.partition(".")[0]
     others = {name.split(".")[1] for name in imports(MODULES[module]) if name.startswith("engine.")} - {room}
-    assert all(PLACE[other] < PLACE[room] or (PLACE[room] == 0 and other != "compiler") for other in others), others
+    wrong = {other for other in others if PLACE[other] >= PLACE[room] and (PLACE[room] > 0 or other == "compiler")}
+    assert wrong == set()
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if name.startswith("kernel.")])
@@ -56,7 +67,11 @@ def test_a_room_of_the_kernel_imports_only_from_those_to_its_left(module):
     rooms = [name.split(".")[2] for name in imports(MODULES[module]) if name.startswith("engine.kernel.")]
     if module != "kernel.__init__":
         place = KERNEL_ROOMS.index(module.split(".")[1])
-        assert all(KERNEL_ROOMS.index(room) <= place for room in rooms), rooms
+        assert max(map(KERNEL_ROOMS.index, rooms), default=0) <= place, rooms
+
+
+def test_what_a_file_imports_is_found():
+    assert {"numpy", "engine.assembly.build", "engine.kernel.data.state"} <= imports(MODULES["offline.render"])
 
 
 def test_no_files_import_each_other_in_a_circle():
@@ -151,8 +166,8 @@ def test_an_edited_kernel_is_used(tmp_path):
     assert list((tmp_path / "cache").rglob("*.nbc")), "nothing was cached"
     kernel = tmp_path / "engine" / "kernel" / "run" / "pickups.py"
     text = kernel.read_text("utf-8")
-    assert "channel, frame + (k - first), value)" in text
-    kernel.write_text(text.replace("(k - first), value)", "(k - first), 2.0 * value)"), "utf-8")
+    assert "frame + (k - first), values[k] * gain)" in text
+    kernel.write_text(text.replace("values[k] * gain)", "2.0 * values[k] * gain)"), "utf-8")
     assert last() == pytest.approx(2 * first, rel=1e-12)
 
 
@@ -160,11 +175,18 @@ def test_the_kernel_has_no_more_special_cases_than_it_had():
     """Limits that fall with each change: `python tests/docs/kernel_shape.py` prints what there is."""
     shape = measure_kernel()
     # 1204, 3 and 30 of bodies that stretch, each by itself; 420, 2 and 18 of friction; 39 and 1 of powers that are
-    # found once a step, and of contact solves that begin near their solution: a quarter of the dearest blocks
-    assert shape.lines <= 8879 and shape.files <= 43 and shape.arrows <= 209
+    # found once a step, and of contact solves that begin near their solution: a quarter of the dearest blocks; 99 of
+    # plucks of the score, which are rows of it and no longer forces, and of one rule for events that overlap; 110, 1
+    # and 11 of islands that fade out where quality is reduced, and are gone, and no longer sleep with their notes; 164,
+    # 1 and 5 of forces as functions of time, 112, 1 and 7 of glides within a sample and 53 of dampers there, so that
+    # more steps find the motion; 150, 1 and 7 of bodies that stretch before they are struck, and of tensions that do
+    # not settle together; 148, 1 and 2 of coefficients of friction that follow the slip of the same step, two curves of
+    # them, and bristles that are damped: a bowed string is in tune at any sample rate
+    assert shape.lines <= 9755 and shape.files <= 48 and shape.arrows <= 242
     assert shape.ways <= 5 and shape.wide <= 1
     assert shape.know["weight"] <= 14 and shape.know["connections"] <= 47 and shape.know["contact loss"] <= 8
 
 
 def test_patches_are_small_enough_to_read():
-    assert all(Path(p).stat().st_size < 8000 for p in (ROOT / "patches").glob("*.toml"))
+    sizes = {path.name: path.stat().st_size for path in (ROOT / "patches").glob("*.toml")}
+    assert sizes and max(sizes.values()) < 8000, sizes

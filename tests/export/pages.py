@@ -11,15 +11,29 @@ import numpy as np
 import pytest
 
 import engine
+from engine.export.page import template
 from tests.export.browser import CHROMIUM
 
 SECONDS = 0.5
 NODE = shutil.which("node")
+RELAXED = "--experimental-wasm-relaxed-simd"  # of Node: with fused multiply-adds
+FUSED = re.search(r'FUSED = "(.*?)"', template("page.js"))[1]  # a module with one
 PLAIN = "#plain"  # at the end of a page's address: multiply-adds in two steps, as in browsers without fused ones
 WAIT_FOR_LEVEL = """(async () => {
   while (!document.getElementById("level").textContent.includes("dB")) await new Promise(r => setTimeout(r, 20));
 })()"""
+
+
+def node_fuses():
+    """Return whether Node has fused multiply-adds if it is asked for them."""
+    if NODE is None:
+        return False
+    test = f"process.exit(WebAssembly.validate(Buffer.from('{FUSED}', 'base64')) ? 0 : 1)"
+    return subprocess.run([NODE, RELAXED, "-e", test], capture_output=True).returncode == 0
+
+
 needs_node = pytest.mark.skipif(NODE is None, reason="no Node; Debian's package is called nodejs")
+needs_fused_node = pytest.mark.skipif(not node_fuses(), reason="no Node with fused multiply-adds")
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; Debian's package is called chromium")
 
 
@@ -43,9 +57,30 @@ def sound_of(answer):
     return np.stack([np.frombuffer(base64.b64decode(text), np.float32) for text in answer["channels"]], axis=1)
 
 
-def played_in_node(page, frames):
-    """Return what Node plays of a page without fused multiply-adds, and its last meter."""
-    command = [NODE, Path(__file__).with_name("play_page.cjs"), page, str(frames), "[]", PLAIN]
-    answer = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
-    assert not answer["isFused"]  # and the page says so
+def messages_of_midi(messages):
+    """Return an expression of the page's script: what its keys and pedals send to its audio side at messages of MIDI.
+
+    messages: frame and bytes of each
+    """
+    return """(() => {
+      const sent = [];
+      let now = 0;
+      window.send = message => sent.push({ ...message, at: now });
+      for (const [frame, data] of MESSAGES) {
+        now = frame;
+        hear({ data });
+      }
+      return sent;
+    })()""".replace("MESSAGES", json.dumps(messages))
+
+
+def played_in_node(page, frames, messages="[]", fused=False):
+    """Return what Node plays of a page, without fused multiply-adds or with them, and its last meter.
+
+    messages: to its audio side, an expression of its script
+    """
+    command = [NODE, *([RELAXED] if fused else []), Path(__file__).with_name("play_page.cjs"), page, str(frames)]
+    ran = subprocess.run([*command, messages, "" if fused else PLAIN], capture_output=True, text=True, check=True)
+    answer = json.loads(ran.stdout)
+    assert answer["isFused"] == fused  # and the page says so if it does not fuse them
     return sound_of(answer), answer["meter"]

@@ -1,7 +1,9 @@
-// Plays a page in Node, without a device: `node play_page.cjs PAGE FRAMES MESSAGES HASH`. HASH: of the page's address
+// Plays a page in Node, without a device: `node play_page.cjs PAGE FRAMES MESSAGES HASH`. MESSAGES: to the audio side, an
+// expression of the page's script; HASH: of the page's address
 // Prints what the page's fdh.render returns, and `isFused`: whether the page has nothing to say of its multiply-adds.
 // What a browser has beyond Node is imitated here.
 const { readFileSync } = require("fs");
+const { runInThisContext } = require("vm");
 const [page, frames, messages, hash] = process.argv.slice(2);
 const html = readFileSync(page, "utf8");
 
@@ -50,7 +52,9 @@ globalThis.OfflineAudioContext = class {
   }
 };
 
-(0, eval)(html.slice(html.lastIndexOf("<script>") + 8, html.lastIndexOf("</script>")));
-window.fdh.render(+frames, messages).then(text => {
+runInThisContext(html.slice(html.lastIndexOf("<script>") + 8, html.lastIndexOf("</script>")));
+(async () => {
+  await runInThisContext("started");
+  const text = await window.fdh.render(+frames, JSON.stringify(runInThisContext(messages)));
   console.log(JSON.stringify({ ...JSON.parse(text), isFused: elements.unfused.hidden }));
-});
+})();

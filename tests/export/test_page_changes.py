@@ -2,7 +2,6 @@
 
 import json
 import math
-import tomllib
 
 import numpy as np
 import pytest
@@ -10,26 +9,28 @@ import pytest
 import engine
 from engine.export.faults import CannotExport
 from engine.export.voice_keys import bodies_of_notes, lowest_ratio, numbers_of_keys
-from engine.files import find_patch
 from engine.live.key_allocator import KeyAllocator, live_scene
-from engine.live.midi_notes import PEDALS, Note
+from engine.live.midi_notes import Note
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
 from engine.live.voice_allocator import VoiceAllocator
+from engine.patch.scene import Scene
 from tests.export.browser import Browser
-from tests.export.pages import SECONDS, data_of, heard, needs_browser, needs_node, page_of, played_in_node
+from tests.export.key_messages import midi_of, with_polyphony
+from tests.export.pages import (
+    SECONDS,
+    data_of,
+    heard,
+    messages_of_midi,
+    needs_browser,
+    needs_fused_node,
+    needs_node,
+    page_of,
+    played_in_node,
+)
 from tests.export.tuned_scene import STOPPED_STRING, tuned_as_it_sounds
 
 INSTRUMENTS = ["vibraphone", "toms", "piano", "violin"]
-
-
-def midi_of(kind, number, value):
-    """Return a message of MIDI as its bytes."""
-    if kind in ("on", "off"):
-        return [0x90 if kind == "on" else 0x80, number, value]
-    if kind == "bend":
-        return [0xE0, *reversed(divmod(8192 + round(8192 * value / 200.0), 128))]
-    return [0xB0, next(controller for controller, pedal in PEDALS.items() if pedal == kind), value]
 
 
 def notes_and_pedals(keys):
@@ -86,15 +87,26 @@ def notes_that_end_others(keys):
     ]
 
 
-def with_polyphony(name, keys):
-    """Return the document of an instrument of which so many keys can sound at a time."""
-    document = tomllib.loads(find_patch(name).read_text("utf-8"))
-    return document | {"keyboard": document["keyboard"] | {"polyphony": keys}}
-
-
 def notes_of_one_voice(keys):
     """Return messages with their frames: a note takes the voice of another that is still loud."""
     return [(0, "on", keys[3], 80), (4096, "on", keys[9], 96), (6144, "off", keys[3], 64), (8192, "off", keys[9], 64)]
+
+
+def notes_that_take_voices(keys):
+    """Return messages with their frames: of two voices, one is taken twice while it is damped, and once when quiet."""
+    a, b, c, d = keys[3], keys[9], keys[6], keys[12]
+    return [
+        (0, "on", a, 80),
+        (1024, "off", a, 64),
+        (2048, "on", b, 96),
+        (4096, "on", c, 80),
+        (4096, "off", c, 64),
+        (6144, "on", a, 112),
+        (8192, "off", a, 64),
+        (38_400, "on", d, 64),
+        (39_424, "off", d, 64),
+        (40_448, "off", b, 64),
+    ]
 
 
 def live_sound(scene, gain, messages, frames, voices=0):
@@ -161,18 +173,25 @@ def test_the_keys_of_a_page_do_what_those_of_live_sound_do(name, messages, optio
         browser.ask("started")
         keys = browser.ask("fdh.data.keys.map(key => key.number)")
         heard_midi = [[frame, midi_of(*message)] for frame, *message in messages(keys)]
-        sent = """(() => {
-          const sent = [];
-          let now = 0;
-          window.send = message => sent.push({ ...message, at: now });
-          for (const [frame, data] of MESSAGES) {
-            now = frame;
-            hear({ data });
-          }
-          return sent;
-        })()""".replace("MESSAGES", json.dumps(heard_midi))
-        audio, meter = heard(browser, frames, browser.ask(f"JSON.stringify({sent})"))
+        audio, meter = heard(browser, frames, browser.ask(f"JSON.stringify({messages_of_midi(heard_midi)})"))
         assert browser.errors == []
+    np.testing.assert_array_equal(audio, expected)
+    assert np.abs(audio).max() > 0.001
+    assert meter["error"] < 1e-11
+
+
+@pytest.mark.hard_for("marimba")
+@needs_fused_node
+@pytest.mark.parametrize("name", ["piano_c4", "marimba"])
+def test_the_voices_of_a_page_are_taken_as_in_live_sound(name, tmp_path):
+    """A note begins when the last one of its voice is damped, unless that is quiet; and ends as much later."""
+    page, data = page_of(name, voices=2)
+    page.save(tmp_path / "page.html")
+    scene, frames = engine.load(name), 336 * 128
+    midi = notes_that_take_voices(numbers_of_keys(bodies_of_notes(scene)))
+    expected = live_sound(scene, data["gain"], notes_that_take_voices, frames, 2)
+    sent = messages_of_midi([[frame, midi_of(*message)] for frame, *message in midi])
+    audio, meter = played_in_node(tmp_path / "page.html", frames, sent, fused=True)
     np.testing.assert_array_equal(audio, expected)
     assert np.abs(audio).max() > 0.001
     assert meter["error"] < 1e-11
@@ -226,6 +245,17 @@ def test_keys_that_change_two_numbers_of_the_same_tables_or_glide_are_refused():
         document = STOPPED_STRING | {"key": STOPPED_STRING["key"] | {"on": on}}
         with pytest.raises(CannotExport, match=message):
             page_of(document)
+
+
+@pytest.mark.hard
+def test_a_score_that_changes_tables_too_often_for_a_page_is_refused():
+    """What is played waits in the same queue."""
+    body = {"name": "a", "kind": "oscillator", "mass": 0.01, "frequency": 300.0, "displacement": 1e-3}
+    glide = {"kind": "change", "parameter": "body.a.frequency", "duration": 0.19}
+    events = [glide | {"time": 0.2 * n, "value": 200.0 + n} for n in range(24)]
+    scene = Scene.model_validate({"body": [body], "pickup": [{"body": "a"}], "seconds": 5.0, "event": events})
+    with pytest.raises(CannotExport, match="in 912 steps; a page has room for 896"):
+        engine.export_page(scene)
 
 
 @pytest.mark.slow

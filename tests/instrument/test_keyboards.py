@@ -200,8 +200,10 @@ def test_keys_of_one_string_sound_one_at_a_time(load):
         'mass = "= 0.006*length"', 'mass = "= 0.006*length"\nstring = { "C3..E4" = 1, "F4..C5" = 2 }'
     )
     held = '[[note]]\ntime = 0.0\nkey = "C4"\nduration = 1.0\n[[note]]\ntime = 0.4\nkey = "{}"\nduration = 0.5\n'
-    ends = [[e.time for e in load(text + held.format(key)).event if e.kind == "damp" and e.body == "C4_string1"]
-            for key in ("D4", "G4")]  # fmt: skip
+    ends = []
+    for key in ("D4", "G4"):
+        damped = [e for e in load(text + held.format(key)).event if e.kind == "damp" and e.body == "C4_string1"]
+        ends.append([event.time for event in damped if event.time > 0.0])  # at first, all are down
     assert ends == [[0.4], [1.0]]
 
 
@@ -276,6 +278,7 @@ def test_a_fault_of_a_key_that_the_score_does_not_play_is_told_at_its_line(tmp_p
 WRONG_VALUES: list[Any] = [[], [1, 2], {}, {"a": 1}, "x", "= 1/0", True, math.inf, -1, 10**30, {"C4": "x"}, [[1]], "C4"]
 
 
+@pytest.mark.hard_for("1", "0")
 @pytest.mark.parametrize("seed", range(4))
 def test_an_instrument_with_values_of_a_wrong_kind_is_refused(load, seed):
     """Wherever they stand, of tables as well as of numbers."""

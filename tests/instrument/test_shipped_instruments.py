@@ -27,6 +27,7 @@ def test_every_key_of_an_instrument_is_complete(name):
         assert scene_of_note(scene, key).event
 
 
+@pytest.mark.hard_for("piano")
 @pytest.mark.parametrize("name", [name for name in INSTRUMENTS if "piece" in WORDS[name]])
 def test_each_instrument_has_keys_for_its_piece(name):
     score = PIECES[WORDS[name]["piece"]].score

@@ -14,16 +14,17 @@ from engine.compiler.array_view import row_view
 from engine.compiler.decorators import INT64_0, INT64_1, inline, kernel
 from engine.compiler.struct_handle import StructHandle
 from engine.compiler.struct_types import load_struct
-from engine.kernel.data.enums import CHUNK_FRAMES, FLIGHT_FRAMES, Energies, Ledger, StepKind
+from engine.kernel.data.enums import CHUNK_FRAMES, FLIGHT_FRAMES, Energies, EventKind, ForceNumber, Ledger, StepKind
 from engine.kernel.data.island_view import island_bounds, island_model, island_state
 from engine.kernel.data.model import Model, StepSettings
 from engine.kernel.data.state import State, Trace
 from engine.kernel.interactions.contacts import reset_line_search_budget, reset_open_contacts
 from engine.kernel.interactions.one_way_drive import clear_drive
 from engine.kernel.modes.event_dampers import step_with_dampers
-from engine.kernel.run.events import finish_score, run_score
+from engine.kernel.run.events import run_score
 from engine.kernel.run.pickups import add_pickups
 from engine.kernel.run.refinement import composed_step
+from engine.kernel.run.step import SAMPLE
 from engine.kernel.run.trace_rows import Block, write_trace
 from engine.offline.trace import allocate_trace
 from engine.runtime.job_memory import block_output
@@ -37,7 +38,7 @@ def advance(refinement, model, state, frame):
     """A sample by measured steps. Returns a StepOutcome."""
     if refinement is None:
         h = step_with_dampers(model.step, model.step.loss, model.events, state)
-        return measured_step(model, StepSettings(h, StepKind.SAMPLE, False, frame), state)
+        return measured_step(model, StepSettings(h, StepKind.SAMPLE, False, frame, SAMPLE), state)
     else:
         return measured_sample_in_stages(model, refinement, state, frame)
 
@@ -63,7 +64,6 @@ def render_measured(model_handle, state_handle, output_handle, frames):
                 write_trace(part, part_state, Block(output, bounds, INT64_0), frame, INT64_1)
                 run_score(part, part.events, part_state, frame)
                 outcome = advance(part.refinement, part, part_state, frame)
-                finish_score(part, part.events, part.refinement, part_state)
                 part_state.in_contact[0] = outcome.in_contact
                 part_state.law_evaluations[0] = outcome.evaluations
 
@@ -82,9 +82,14 @@ def disturb(model: Model, state: State, disturbance: float) -> None:
     for start in (state.q, state.p):
         start[:] *= 1.0 + disturbance * rng.choice([-1.0, 1.0], start.size)
     if model.force is not None:
-        model.force.scale[:] *= 1.0 + disturbance
+        model.force.table[:] *= 1.0 + disturbance
+        model.force.tail[:] *= 1.0 + disturbance
+    if model.refinement is not None and model.refinement.force is not None:  # the same in stages
+        model.refinement.force.number[:, ForceNumber.AMPLITUDE] *= 1.0 + disturbance
+        model.refinement.force.line[:] *= 1.0 + disturbance
     if model.events is not None:
-        model.events.value2[:] *= 1.0 + disturbance
+        model.events.value2[model.events.kind == EventKind.STRIKE] *= 1.0 + disturbance
+        model.events.value[model.events.kind == EventKind.PLUCK] *= 1.0 + disturbance
 
 
 def measured_motion(scene: engine.Scene, seconds: float, samplerate: int = 44_100, disturbance: float = 0.0) -> Motion:

@@ -18,7 +18,7 @@ from engine.kernel.interactions.contact_forces import (
     takes_part,
 )
 from engine.kernel.interactions.contacts import Reach, Touch, energy_created, free_displacement_at, store_solution
-from engine.kernel.interactions.external_forces import force_at
+from engine.kernel.interactions.external_forces import find_external_forces, shapes_of
 from engine.kernel.modes.mode_step import apply_loss, begin_step_mode, motion_of, reverse_momenta
 from engine.kernel.modes.point_rows import project_drift, push_at_row
 from engine.kernel.modes.potential import kick_by_spring, kick_by_weight
@@ -63,20 +63,20 @@ def lose_at_end(h, state):
 
 
 @inline
-def kick_by_external(force, h, frame, state):
+def kick_by_external(force, h, state):
     """Half a kick by every external force."""
     if force is not None:
         for j in range(force.start.shape[0]):
-            push_at_row(force.rows, h.kick_phi, j, force_at(force, force.drive, state.drive, j, frame), state.p)
+            push_at_row(force.rows, h.kick_phi, j, state.external_force[j], state.p)
 
 
 @inline
-def work_of_external(force, h, frame, state):
+def work_of_external(force, h, state):
     """Work of all external forces over the coming drift, J."""
     work = 0.0
     if force is not None:
         for j in range(force.start.shape[0]):
-            work += force_at(force, force.drive, state.drive, j, frame) * project_drift(force.rows, h, j, state.p)
+            work += state.external_force[j] * project_drift(force.rows, h, j, state.p)
     return work
 
 
@@ -264,9 +264,11 @@ def kick_again(contact, h, state):
 @inline
 def measured_step(model, settings, state):
     """Do a step part by part. Returns a StepOutcome. The arguments are those of engine.kernel.run.step.step."""
-    h, frame, contact, connection, force = settings.h, settings.frame, model.contact, model.connection, model.force
+    h, contact, connection, force = settings.h, model.contact, model.connection, model.force
     lost = begin_modes(h, state)
-    kick_by_external(force, h.force, frame, state)
+    if force is not None:
+        find_external_forces(force, model.events, shapes_of(model.refinement), settings, state)
+    kick_by_external(force, h.force, state)
     begin_connections(connection, h, state)
     solution = solve_all_contacts(contact, h, state)
     if solution.status == SolveStatus.FAILED:
@@ -277,10 +279,10 @@ def measured_step(model, settings, state):
         kick_again(contact, h, state)
         answer(connection, h, state)
         at_contacts, excess = store_all_contacts(contact, h, solution, state)
-    work = work_of_external(force, h.force, frame, state)
+    work = work_of_external(force, h.force, state)
     measure_connections(connection, h, state)
     lost += at_contacts + finish_connections(connection, h, state) + drift_modes(h, state)
-    kick_by_external(force, h.force, frame, state)
+    kick_by_external(force, h.force, state)
     finish(connection, h, state)
     if in_contact:
         kick_again(contact, h, state)

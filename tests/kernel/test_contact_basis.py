@@ -2,11 +2,11 @@
 
 import math
 
-import mpmath
 import numba
 import numpy as np
 import pytest
 from conftest import mostly_hard
+from later import import_later
 
 import engine
 from bench.scenes.families import tanpuras
@@ -22,6 +22,8 @@ from engine.kernel.data.laws import select_law
 from engine.kernel.data.model import BasisCoefficients, ContactBasis
 from engine.kernel.data.state import Scratch
 from engine.live.player import Player
+
+mpmath = import_later("mpmath")
 
 
 @kernel
@@ -42,7 +44,7 @@ def solved(law, loss_rate, u: np.ndarray, s: np.ndarray, g: np.ndarray) -> tuple
     return evaluations, scratch.vectors[Row.FORCE, : s.size].copy(), scratch.vectors[Row.STEP, : s.size].copy()
 
 
-def exact_mean_force(stiffness, alpha, rate, s, eta) -> mpmath.mpf:
+def exact_mean_force(stiffness, alpha, rate, s, eta) -> "mpmath.mpf":
     """What the law says for a step: the discrete gradient of its potential, times 1 + μη/h where that is positive."""
     s, eta = mpmath.mpf(s), mpmath.mpf(eta)
     n = mpmath.mpf(alpha) + 1
@@ -50,7 +52,8 @@ def exact_mean_force(stiffness, alpha, rate, s, eta) -> mpmath.mpf:
     return stiffness * gained / eta * max(0, 1 + rate * eta)
 
 
-@pytest.mark.parametrize("alpha", [1.0, 1.3, 1.5, 2.0, 2.5, 3.0])
+@pytest.mark.hard_but("1000.0-1.5")
+@pytest.mark.parametrize("alpha", mostly_hard([1.0, 1.3, 1.5, 2.0, 2.5, 3.0], 1.5, 2.5))
 @pytest.mark.parametrize("loss", [0.0, 1e3])
 def test_forces_are_on_their_laws_and_move_the_bodies(alpha, loss):
     """Random steps of 10 to 40 points of a smooth bridge: with fifty digits, every force is that of its law for the
@@ -134,6 +137,7 @@ def test_two_bodies_that_touch_at_many_points():
     assert np.all(rendering.trace["force"] >= 0.0)
 
 
+@pytest.mark.hard_for("guitar_frets", "tanpura_drone")
 @pytest.mark.parametrize("name", ["tanpura", "tanpura_drone", "guitar_frets", "bass_frets", "snare_wires"])
 def test_no_solve_of_a_shipped_patch_is_capped(name):
     stats = engine.render(engine.load(name)).stats

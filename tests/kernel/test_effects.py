@@ -33,6 +33,7 @@ def absent_is_as_nothing(present: tuple[str, ...]) -> None:
     assert np.all(np.abs(full.audio - bare.audio).max(axis=0) <= 1e-13 * largest + 1e-290)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("present", FEW, ids="+".join)
 def test_an_absent_effect_does_as_one_of_no_strength(present):
     absent_is_as_nothing(present)
@@ -44,6 +45,7 @@ def test_every_subset_of_effects(present):
     absent_is_as_nothing(present)
 
 
+@pytest.mark.hard
 def test_absent_effects_leave_no_instruction(tmp_path):
     """The compiled sample loop is as long as one in whose source they were never written, to 1 %; and one effect
     more makes it longer."""

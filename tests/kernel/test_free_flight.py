@@ -88,6 +88,7 @@ def test_what_is_heard_is_what_single_steps_give(sigma, gravity):
     assert simulation.energies().error_max <= 1e-13
 
 
+@pytest.mark.hard
 def test_the_balance_is_closed_over_a_minute():
     """Of 1000 modes with and without loss."""
     for sigma in (0.0, 0.05):
@@ -107,6 +108,7 @@ def test_a_falling_body_does_not_drift(patch):
         assert energy["error_max"] <= 2e-13
 
 
+@pytest.mark.hard
 def test_single_precision_flies_too():
     """And its modes move and sound as far from those of double precision as single steps would take them."""
     exact, coarse = (np.zeros((RATE, 3)) for _ in range(2))

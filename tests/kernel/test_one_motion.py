@@ -47,7 +47,7 @@ def agreement(scene: engine.Scene, seconds: float = SECONDS) -> tuple[float, flo
     assert rendering.trace is not None
     order = np.argsort(measured.order)  # of bodies in the patch
     differences = relative_differences(rendering.audio, measured.audio)
-    moved = relative_differences(rendering.trace["displacement"], measured.trace.displacement[:, order])
+    moved = relative_differences(np.nan_to_num(rendering.trace["displacement"]), measured.trace.displacement[:, order])
     steps = scene.accuracy.substeps * STAGES[scene.accuracy.order]
     return float(np.maximum(differences, moved)[:frames].max(initial=0.0)) / steps, frames / RATE
 

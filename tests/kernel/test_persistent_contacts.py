@@ -1,8 +1,8 @@
 """Contacts that persist: the solve finds the motion that was chosen beforehand, or leaves it to the general one."""
 
-import mpmath
 import numpy as np
 import pytest
+from later import import_later
 
 from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
@@ -12,6 +12,8 @@ from engine.kernel.contact.persistent_contact_solver import solve_persistent
 from engine.kernel.data import laws
 from engine.kernel.data.enums import Row
 from engine.kernel.data.state import Scratch
+
+mpmath = import_later("mpmath")
 
 
 @kernel

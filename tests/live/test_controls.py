@@ -14,10 +14,10 @@ import engine
 from engine.live.controls import Controls, approach, targets_of_all
 from engine.live.hot_reload import changed_parameters
 from engine.live.key_allocator import KeyAllocator, live_scene
-from engine.live.midi import take_message
 from engine.live.midi_notes import Move
+from engine.live.midi_port import take_message
 from engine.live.mpe import MpeZones
-from engine.live.osc import OscError, OscServer, number_in, parse_address
+from engine.live.osc import OscError, OscServer, TimedMessage, number_in, parse_address
 from engine.live.osc_commands import OscCommands
 from engine.live.player import Player
 from engine.live.replay import replay
@@ -164,10 +164,10 @@ def server():
     """A server at a free port, and what it received."""
     received: list[tuple[str, float]] = []
 
-    def receive(address: str, arguments: list) -> bool:
-        value = number_in(arguments)
+    def receive(message: TimedMessage) -> bool:
+        value = number_in(message.arguments)
         if value is not None:
-            received.append((address, value))
+            received.append((message.address, value))
         return value is not None
 
     opened = OscServer(parse_address("0"), receive)
@@ -262,9 +262,9 @@ def test_any_live_parameter_has_an_address():
 
 def test_addresses_and_ports_are_explained():
     assert parse_address("9000") == ("127.0.0.1", 9000) and parse_address("0.0.0.0:9") == ("0.0.0.0", 9)
-    first = OscServer(parse_address("0"), lambda address, arguments: True)
+    first = OscServer(parse_address("0"), lambda message: True)
     with pytest.raises(OscError, match=r"cannot listen at 127.0.0.1:\d+ \(.*\); give another --osc PORT"):
-        OscServer(("127.0.0.1", first.port), lambda address, arguments: True)
+        OscServer(("127.0.0.1", first.port), lambda message: True)
     first.close()
 
 
@@ -287,9 +287,9 @@ def rpn(channel: int, parameter: int, value: int) -> list[Message]:
 
 def test_zones_are_set_by_the_controller():
     zones = MpeZones(Midi())
-    assert zones.channels(3) == (0, 0) and zones.bend_cents(3, 8191) == pytest.approx(200.0, rel=1e-3)
+    assert zones.channels(3) == (3, 0) and zones.bend_cents(3, 8191) == pytest.approx(200.0, rel=1e-3)
     assert all(zones.feed(message) for message in rpn(1, 6, 7))
-    assert zones.channels(3) == (3, 1) and zones.channels(8) == (8, 1) and zones.channels(9) == (0, 0)
+    assert zones.channels(3) == (3, 1) and zones.channels(8) == (8, 1) and zones.channels(9) == (9, 0)
     assert zones.bend_cents(3, -8192) == -4800.0 and zones.bend_cents(1, -8192) == -200.0
     assert zones.is_of_one_note(3) and not zones.is_of_one_note(1) and not zones.is_of_one_note(9)
     for message in rpn(4, 0, 24):
@@ -322,9 +322,10 @@ def test_each_note_of_a_zone_has_its_bend_and_pressure():
         return np.stack([player.model.step.spring_kick[:half], player.model.step.spring_kick[half:]])
 
     take(Message("note_on", 2, note=60, velocity=64), Message("note_on", 3, note=60, velocity=64))
-    before, (first, second) = kicks(), [n for n, key in enumerate(keys._note) if key]
+    before, (first, second) = kicks(), [n for n, voice in enumerate(keys._voices) if voice.key]
     np.testing.assert_array_equal(before[0], before[1])
-    low, high = (keys._note.index(key) for key in sorted(key for key in keys._note if key))
+    held = [voice.key for voice in keys._voices]
+    low, high = (held.index(key) for key in sorted(key for key in held if key))
     assert {first, second} == {low, high}
     take(Message("pitchwheel", 3, pitch=8191 // 4), Message("aftertouch", 3, value=127))
     after, stiffness = kicks(), player.state.potential_coefficient * 3.5

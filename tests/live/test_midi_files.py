@@ -9,11 +9,12 @@ from conftest import ROOT
 
 import engine
 from engine.cli import main
-from engine.live import instrument_notes, midi
+from engine.live import instrument_notes, midi_port
 from engine.live.instrument_notes import scene_of_file
 from engine.live.midi_files import read_notes
 from engine.live.midi_notes import MidiError
 from engine.live.midi_parts import Excerpt
+from engine.live.mpe import MpeZones
 from engine.patch.control_tables import Midi
 
 mido = pytest.importorskip("mido", reason="needs mido")
@@ -259,7 +260,7 @@ def test_a_mix_brings_its_patches_to_one_level(rods, tmp_path, capsys):
     assert main.main(words) == 0
     stats = json.loads(capsys.readouterr().out)
     heard, _ = soundfile.read("song_mix.wav")
-    assert stats["peak"] == pytest.approx(10 ** (-1 / 20), rel=1e-6) and stats["trusted"]
+    assert stats["peak_file"] == pytest.approx(10 ** (-1 / 20), rel=1e-6) and stats["trusted"]
     assert [len(part["parts"]) for part in stats["parts"]] == [1, 1]
     ratio = np.abs(heard[round(0.7 * RATE) :]).max() / np.abs(heard[: round(0.6 * RATE)]).max()
     assert 0.3 < ratio < 3.0
@@ -299,8 +300,8 @@ def test_a_song_with_too_many_events_says_how_much_of_it_can_be_played(rods, tmp
     assert main.main(["render", rods, "--midi", song]) == 2
     said = capsys.readouterr().err
     assert (
-        "song.mid has 82 events of keys and dampers; the limit is 20, which the first" in said
-    )  # 40 strikes, 42 dampers
+        "song.mid has 123 events of keys and dampers; the limit is 20, which the first" in said
+    )  # 40 strikes, and dampers: at rest, lifted, let go
     seconds = said.split("--seconds ")[1].strip()
     count = int(said.split("the first ")[1].split()[0])
     assert f"the first {count} of its 40 notes reach after {seconds} s" in said
@@ -349,6 +350,7 @@ def test_the_speed_of_voices_is_a_number(rods, tmp_path, capsys):
     assert main.main([*words, "--json"]) == 0
     stats = json.loads(capsys.readouterr().out)
     assert 0.01 < stats["real_time_factor"] < 1e5 and stats["live"]["real_time_factor"] == stats["real_time_factor"]
+    assert len(stats["table_digest"]) == 16 and stats["live"]["table_digest"] == stats["table_digest"]
 
 
 def test_a_drum_of_a_port_is_on_the_key_that_the_patch_has_for_it(rods, tmp_path):
@@ -373,5 +375,5 @@ def test_a_drum_of_a_port_is_on_the_key_that_the_patch_has_for_it(rods, tmp_path
 
     for channel in (9, 0):
         message = mido.Message("note_on", channel=channel, note=38, velocity=80)
-        midi.take_message(message, midi.MpeZones(scene.midi), Keys(), NoControls())
+        midi_port.take_message(message, MpeZones(scene.midi), Keys(), NoControls())
     assert played == [60, 38]

@@ -277,7 +277,9 @@ def test_many_unknown_addresses_are_few_and_short_lines(start):
 def test_an_instrument_that_waits_for_notes_has_a_level(name):
     """Its middle key, played as loud as can be, is near half of full scale, whatever unit its pickups have, if the
     patch gives no level."""
-    asked = argparse.Namespace(cores=1, seconds=None, midi=None, osc="0", voices=None, watch=False, block_size=256)
+    asked = argparse.Namespace(
+        cores=1, seconds=None, midi=None, osc="0", voices=None, watch=False, block_size=256, event_log=None
+    )
     asked.kernel, asked.json, asked.ignore_speed = "general", True, True
     asked.gain, asked.accuracy = None, {}
     factory = PlayerFactory(asked, 44_100, 2)

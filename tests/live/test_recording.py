@@ -195,6 +195,7 @@ def small_files() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (3_000_000, 3_000_000))
 
 
+@pytest.mark.system
 @needs_portaudio
 @needs_alsa
 def test_live_sound_with_a_full_disk(tmp_path, device):
@@ -225,6 +226,7 @@ def test_live_sound_with_a_disk_that_is_really_full(tmp_path, device):
         subprocess.run(["umount", str(small)], check=True)
 
 
+@pytest.mark.system
 @needs_portaudio
 @needs_alsa
 @pytest.mark.parametrize("name", ["SIGTERM", pytest.param("SIGHUP", marks=pytest.mark.hard)])
@@ -290,6 +292,7 @@ def test_kill_leaves_what_the_next_one_finds(tmp_path, device, kind):
     assert sorted(p.name for p in folder.iterdir()) == [f"r.{kind}", "s.wav"]
 
 
+@pytest.mark.system
 @needs_portaudio
 @needs_alsa
 def test_folders_that_go_while_it_plays(tmp_path, device):

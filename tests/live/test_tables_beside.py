@@ -15,6 +15,7 @@ import engine
 from engine.assembly.table_changes import TableChanges
 from engine.live.player import Player
 from engine.live.replay import replay
+from engine.live.shared_memory import Slot
 from engine.patch.live_parameters import live_paths, value_at
 from engine.patch.live_ranges import live_range
 
@@ -184,10 +185,30 @@ def test_values_that_are_impossible_together_are_refused_as_in_a_patch():
         engine.load(document)
 
 
+def test_tables_are_kept_until_the_audio_thread_has_read_them():
+    """Also those that it takes a block later than they were due."""
+    player = Player(string_on_board(), seconds=math.inf, gain=1e-3)
+    play(player)
+    tables = player._parameters.tables
+    player.set(THICKNESS, 2e-3, seconds=0.0)
+    player.make_tables()
+    (late,) = tables.exchanges
+    player.counters[Slot.FRAME] += BLOCK  # as where a block ends that had begun before
+    player.set(THICKNESS, 3e-3, seconds=0.0)
+    player.make_tables()
+    assert late in tables.exchanges
+    play(player)
+    player.set(THICKNESS, 4e-3, seconds=0.0)
+    player.make_tables()
+    assert late not in tables.exchanges and len(tables.exchanges) == 1
+
+
 @pytest.mark.parametrize("path", sorted((ROOT / "patches").glob("*.toml")), ids=lambda path: path.stem)
 def test_every_shipped_value_is_within_its_live_range(path):
     scene = engine.load(path)
-    for name, live in live_paths(scene, True).items():
+    paths = live_paths(scene, True)
+    assert paths
+    for name, live in paths.items():
         limits = live_range(scene, live.section, live.number, live.keys)
         assert value_at(scene, live) in limits and -math.inf < limits.low < limits.high < math.inf, name
 

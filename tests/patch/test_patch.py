@@ -8,6 +8,8 @@ import soundfile
 from conftest import PATCHES, ROOT
 
 import engine
+from engine.analysis.undamped import undamped_modes
+from engine.assembly.build import build
 from engine.cli import main
 from engine.patch.toml_lines import locate_keys, nearest_line
 
@@ -306,6 +308,40 @@ def test_a_check_says_which_contact_begins_compressed(tmp_path, capsys):
     path.write_text(STRING + "frets = { at = [0.3, 0.6], height = -1e-3 }\n", "utf-8")
     assert main.main(["check", str(path)]) == 0
     assert "compression" not in capsys.readouterr().out
+
+
+NO_LOSS = {"kind": "oscillator", "mass": 0.01}
+JOINT = {"name": "joint", "kind": "spring", "body": "low", "on": "high", "stiffness": 1e3}
+
+
+@pytest.mark.parametrize(
+    ("tables", "counts"),
+    [
+        ({}, {"low": 1, "high": 1}),
+        ({"connection": [JOINT]}, {"low": 1, "high": 1}),
+        ({"connection": [JOINT | {"damping_coefficient": 0.1}]}, {}),
+        ({"event": [{"kind": "damp", "time": 0.1, "body": "low", "sigma": 5.0}]}, {"high": 1}),
+        ({"connection": [JOINT], "event": [{"kind": "damp", "time": 0.1, "body": "low", "sigma": 5.0}]}, {}),
+        (
+            {
+                "connection": [JOINT],
+                "event": [{"kind": "change", "time": 0.1, "connection": "joint", "damping_coefficient": 0.1}],
+            },
+            {},
+        ),
+    ],
+)
+def test_a_check_says_what_never_decays_and_so_it_does(tables, counts):
+    """Against the energy that is left after two seconds: none of what is damped, from the start or later."""
+    bodies = [
+        NO_LOSS | {"name": name, "frequency": f, "velocity": 1.0} for name, f in (("low", 200.0), ("high", 290.0))
+    ]
+    pickups = [{"body": body["name"], "channel": n + 1} for n, body in enumerate(bodies)]
+    scene = engine.Scene.model_validate({"body": bodies, "pickup": pickups} | tables)
+    assert undamped_modes(build(scene, 44_100).layout) == counts
+    audio = engine.render(scene, seconds=3.0).audio
+    left = np.abs(audio[-4410:]).max(axis=0) / np.abs(audio[:4410]).max(axis=0)
+    assert [name for name, ratio in zip(("low", "high"), left, strict=True) if ratio > 0.9] == [*counts]
 
 
 def test_faults_of_a_scene_from_python():

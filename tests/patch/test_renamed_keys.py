@@ -23,7 +23,7 @@ OLD = """seconds = 0.05
 name = "string"
 kind = "string"
 length = 0.6
-density = 5e-3
+linear_density = 5e-3
 tension = 60.0
 bending = 1e-4
 modes = 10
@@ -75,7 +75,6 @@ body = "plate"
 at = [0.3, 0.3]
 """
 SWAPS = [
-    ("density = 5e-3", "linear_density = 5e-3"),
     ("density = 4.0", "area_density = 4.0"),
     ("bending =", "bending_stiffness ="),
     ("rigidity =", "flexural_rigidity ="),
@@ -94,7 +93,7 @@ keys = "C4..D4"
 name = "string"
 kind = "string"
 length = 0.6
-density = "= 5e-3*f/261.6"
+linear_density = "= 5e-3*f/261.6"
 frequency = "= f"
 modes = 8
 sigma1 = -1.0
@@ -164,8 +163,8 @@ def test_editors_know_the_old_keys_but_not_beside_the_new():
 def test_a_note_names_the_new_key_once_for_each_old_one(patches, capsys):
     assert main.main(["check", "old.toml"]) == 0
     said = notes(capsys.readouterr().err.splitlines())
-    assert len(said) == 8  # of the keys in kg/s, the first
-    assert "note: old.toml:7 body[0].density: now called linear_density (kg/m); the old name still works" in said
+    assert len(said) == 7  # of the keys in kg/s, the first
+    assert "note: old.toml:19 body[1].density: now called area_density (kg/m²); the old name still works" in said
     assert any(
         line.startswith("note: old.toml:13 body[0].support[0].damping: now called damping_coef") for line in said
     )
@@ -195,10 +194,10 @@ def test_from_python_a_note_on_a_file_is_a_warning_where_it_was_loaded(tmp_path)
     "old, wrong, line, says",
     [
         (
-            "density = 5e-3",
+            "density = 4.0",
             "density = -1.0",
-            7,
-            "body[0].density: -1.0 is out of range; mass per length, kg/m, more than 0",
+            19,
+            "body[1].density: -1.0 is out of range; mass per area, kg/m², more than 0",
         ),
         ("rigidity = 20.0", 'rigidity = "stiff"', 20, 'body[1].rigidity: "stiff" is not a number; flexural rigidity D'),
         ("damping = 0.02", "damping = nan", 13, "body[0].support[0].damping: nan is not a finite number"),
@@ -225,7 +224,17 @@ def test_faults_of_the_keys_of_an_instrument_too(tmp_path, capsys):
     assert main.main(["check", str(path)]) == 2
     error = capsys.readouterr().err
     assert "keys.toml:12 key.body[0].sigma1: -1.0 is out of range" in error
-    assert "keys.toml:9 key.body[0].density: now called linear_density" in error
+    assert "keys.toml:12 key.body[0].sigma1: now called sigma_beta" in error
+
+
+def test_a_density_of_a_string_is_of_its_material_and_no_old_key(tmp_path, capsys):
+    """In kg/m³, with a diameter; without one it can only be the old one, and both readings are named."""
+    path = tmp_path / "keys.toml"
+    path.write_text(KEYBOARD.replace("linear_density", "density").replace("sigma1 = -1.0", ""), "utf-8")
+    assert main.main(["check", str(path)]) == 2
+    (error,) = capsys.readouterr().err.splitlines()
+    assert "key.body[0].density: 0.00" in error and "kg/m³, and no diameter is given" in error
+    assert "kg/m is meant, its name is linear_density" in error
 
 
 def test_faults_of_a_build_too(tmp_path, capsys):
@@ -235,6 +244,7 @@ def test_faults_of_a_build_too(tmp_path, capsys):
     assert "connection[0].damping: order 4 has steps back in time" in capsys.readouterr().err
 
 
+@pytest.mark.hard
 def test_a_path_of_a_sweep_may_have_either_name(patches):
     levels = []
     for patch, key in (("old", "damping"), ("old", "damping_rate"), ("new", "damping")):

@@ -138,6 +138,9 @@ def test_params_lists_every_number_by_its_path(capsys):
     assert first.split()[:3] == ["seconds", "6", "s"] and len(rest) == len(found) - 1
 
 
+@pytest.mark.hard_but(
+    "templates-bar", "patches-bouncing_ball", "patches-bowed_violin", "patches-piano_c4", "patches-driven_ball"
+)
 @pytest.mark.parametrize("path", [*PATCHES, *TEMPLATES], ids=lambda p: f"{p.parent.name}-{p.stem}")
 def test_params_lead_to_the_numbers_of_the_file(path):
     """Each path, followed through the file as it is written, ends at the value; and none is left out."""
@@ -195,6 +198,7 @@ def test_templates_sound_at_once(path):
     assert rendering.stats["energy"]["error_max"] < 1e-11
 
 
+@pytest.mark.hard_for("piano-keys0")
 @pytest.mark.parametrize(
     ("name", "keys"),
     [

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+import scipy
 
 import engine
 from bench.scenes.small import scene
@@ -60,7 +60,9 @@ def test_a_mallet_rebounds_from_a_free_bar():
             return np.concatenate([p, push - omega**2 * q, [y[-1], -force / 0.02]])
 
         start = np.concatenate([np.zeros(2 * n), [-1e-4, 2.0]])
-        return float(solve_ivp(slope, (0, 0.02), start, method="DOP853", rtol=1e-10, atol=1e-14).y[-1, -1])
+        return float(
+            scipy.integrate.solve_ivp(slope, (0, 0.02), start, method="DOP853", rtol=1e-10, atol=1e-14).y[-1, -1]
+        )
 
     free, held = rebound(np.arange(n)), rebound(np.arange(n - 2))
     assert result.audio[-1, 0] == pytest.approx(free, rel=2e-3)
@@ -82,7 +84,7 @@ def test_the_partials_of_a_struck_bar_are_those_of_a_free_one():
         return np.concatenate([y[n : 2 * n], phi * force - omega**2 * y[:n], [y[-1], -force / 0.02]])
 
     start = np.concatenate([np.zeros(2 * n), [-1e-4, 2.0]])
-    end = solve_ivp(slope, (0, 0.02), start, method="DOP853", rtol=1e-10, atol=1e-14).y[:, -1]
+    end = scipy.integrate.solve_ivp(slope, (0, 0.02), start, method="DOP853", rtol=1e-10, atol=1e-14).y[:, -1]
     own, wanted = (p**2 + (omega * q) ** 2 for q, p in ((state.q[bar], state.p[bar]), (end[:n], end[n : 2 * n])))
     np.testing.assert_allclose(10 * np.log10(own[:3] / wanted[:3]), 0.0, atol=0.1)
 

@@ -2,10 +2,10 @@
 
 import math
 
-import mpmath
 import numpy as np
 import pytest
-from scipy.special import jn_zeros
+import scipy
+from later import import_later
 
 import engine
 from bench.scenes.small import scene
@@ -13,6 +13,8 @@ from engine.assembly.build import build
 from engine.bodies import Bar, MeasuredBody, Membrane, Plate, String
 from engine.bodies.bar import bar_roots, bar_shape
 from engine.bodies.body import TO_60_DB
+
+mpmath = import_later("mpmath")
 
 HIGHEST = 21_609.0  # Hz
 
@@ -106,7 +108,8 @@ def test_ratios_of_a_drum():
     """Zeros of Bessel functions, those of m > 0 twice."""
     f = hertz(membrane(radius=0.178))
     np.testing.assert_allclose(np.unique(np.round(f / f[0], 9))[:5], [1, 1.593, 2.136, 2.296, 2.653], atol=6e-4)
-    zeros = np.sort(np.concatenate([jn_zeros(m, 20) for m in range(40) for _ in range(1 if m == 0 else 2)]))
+    each = [scipy.special.jn_zeros(m, 20) for m in range(40) for _ in range(1 if m == 0 else 2)]
+    zeros = np.sort(np.concatenate(each))
     np.testing.assert_allclose(f / f[0], zeros[:60] / zeros[0], rtol=1e-13)
     tension = membrane(radius=0.178, frequency=None, tension=1900.0)
     assert hertz(tension)[0] == pytest.approx(zeros[0] / (2 * math.pi * 0.178) * math.sqrt(1900 / 0.3), rel=1e-13)
@@ -142,7 +145,7 @@ def test_narrow_sheets_keep_their_lowest_modes(size, count):
 def test_thousands_of_modes_of_a_drum():
     """None is missed: Weyl's law z²/4 - z/2 counts those below z."""
     own = membrane(radius=0.3, modes=5000).modal_body(math.inf)
-    z = own.omega / own.omega[0] * jn_zeros(0, 1)[0]
+    z = own.omega / own.omega[0] * scipy.special.jn_zeros(0, 1)[0]
     assert np.all(np.diff(z) >= 0)
     assert np.max(np.abs(np.arange(1, 5001) - (z**2 / 4 - z / 2))) < 60
     assert own.omega.size == 5000
@@ -256,7 +259,8 @@ def test_decay_by_wave_number_and_frequency():
     beta = np.sqrt(own.omega / own.omega[0]) * math.pi * math.hypot(1 / 0.5, 1 / 0.3)
     np.testing.assert_allclose(own.sigma, 0.02 * beta, rtol=1e-12)
     own = membrane(radius=0.2, sigma_beta=0.02).modal_body(HIGHEST)
-    np.testing.assert_allclose(own.sigma, 0.02 * own.omega / own.omega[0] * jn_zeros(0, 1)[0] / 0.2, rtol=1e-12)
+    lowest = scipy.special.jn_zeros(0, 1)[0]
+    np.testing.assert_allclose(own.sigma, 0.02 * own.omega / own.omega[0] * lowest / 0.2, rtol=1e-12)
 
 
 def test_times_to_fall_by_60_db():

@@ -27,7 +27,7 @@ from engine.kernel.contact.scalar_contact_solver import MAX_HALLEY_EVALUATIONS, 
 from engine.kernel.data import laws
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.data.state import Scratch
-from engine.offline import render
+from engine.offline import brief_contacts, render
 from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
 
@@ -62,7 +62,7 @@ def stats(scene: engine.Scene, error: float = 1e-12, **options) -> dict:
     """Render; every solve converges, all is finite, and the ledger closes."""
     rendering = engine.render(scene, **options)
     assert np.isfinite(rendering.audio).all()
-    assert rendering.stats["newton"]["unconverged"] == 0
+    assert rendering.stats["newton"]["reversed_steps"] == 0
     assert rendering.stats["energy"]["error_max"] <= error
     outcomes = rendering.stats.newton.solve_outcomes
     assert outcomes.free + outcomes.solved > 0, "there was no contact"
@@ -72,7 +72,7 @@ def stats(scene: engine.Scene, error: float = 1e-12, **options) -> dict:
 # --- one solve
 
 
-@pytest.mark.parametrize("alpha", EXPONENTS)
+@pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3))
 @pytest.mark.parametrize("rate", [0.0, 1e3])
 @pytest.mark.parametrize(
     "state",
@@ -93,7 +93,7 @@ def laws_loss(rate: float):
     return np.array([rate]) if rate else None
 
 
-@pytest.mark.parametrize("alpha", EXPONENTS)
+@pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3))
 @pytest.mark.parametrize("s", [1e-9, 1e-3, 1.0, 1e5])
 def test_at_rest_in_contact(alpha, s):
     """s⁺ = s exactly, where the naive quotient is 0/0: the force is f(s)."""
@@ -167,6 +167,7 @@ def coupled_problems_are_solved(count: int) -> None:
     assert np.mean(rounds) <= 6.0
 
 
+@pytest.mark.hard
 def test_coupled_problems():
     coupled_problems_are_solved(300)
 
@@ -213,6 +214,7 @@ def test_unknowns_do_not_cancel(stiffness, exponent, contacts):
     assert found["energy"]["error_per_step_max"] <= (1e-14 if contacts == 1 else 2e-14)
 
 
+@pytest.mark.hard_for("0.001-1.3", "1000.0-1.3")
 @pytest.mark.parametrize("alpha", mostly_hard([1, 1.3, 1.5, 2, 3, 5, 8], 1.3))
 @pytest.mark.parametrize("beta", [1e-3, 1.0, 1e3, 1e8])
 def test_the_paper_metric(alpha, beta):
@@ -227,7 +229,7 @@ def test_a_resting_ball_stays(alpha):
     floor = barrier(stiffness=1e9, exponent=alpha)
     heard = [{"body": "body", "quantity": q, "channel": c} for c, q in ((1, "displacement"), (2, "velocity"))]
     rendering = engine.render(scene([ball], gravity=-9.81, contact=[floor], pickup=heard), seconds=10)
-    assert rendering.stats["newton"]["unconverged"] == 0
+    assert rendering.stats["newton"]["reversed_steps"] == 0
     assert np.max(np.abs(rendering.audio[:, 0] - place)) <= 1e-15 + 1e-13 * place
     assert np.max(np.abs(rendering.audio[:, 1])) <= 1e-12
 
@@ -312,7 +314,7 @@ def test_tiny_and_huge_motion(velocity):
     found = engine.render(
         scene([mass(displacement=-velocity * 1e-3, velocity=velocity)], contact=[contact]), seconds=0.05
     )
-    assert found.stats["newton"]["unconverged"] == 0
+    assert found.stats["newton"]["reversed_steps"] == 0
     assert np.isfinite(found.audio).all()
     assert found.audio[-1, 0] == pytest.approx(-velocity, rel=1e-12)
 
@@ -326,7 +328,7 @@ def test_decay_into_subnormal_numbers(alpha):
     Simulation(model, state).render_block(out)
     assert np.isfinite(out).all()
     assert np.abs(out[-RATE:]).max() < 1e-290
-    assert newton_statistics(model, state)["unconverged"] == 0
+    assert newton_statistics(model, state)["reversed_steps"] == 0
 
 
 # --- solves that are not finished
@@ -350,7 +352,7 @@ def test_unfinished_solves_are_passive(stiffness, exponent, loss, without_basis)
     rendering = engine.render(scene.model_copy(update={"contact": [contact]}), seconds=0.4, iterations=4)
     assert np.isfinite(rendering.audio).all()
     assert rendering.stats["newton"]["regimes"]["capped"] > 10
-    assert rendering.stats["newton"]["unconverged"] == 0
+    assert rendering.stats["newton"]["reversed_steps"] == 0
     assert rendering.stats["energy"]["error_max"] <= 1e-11
 
 
@@ -363,7 +365,9 @@ def bands(audio: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.hard
-@pytest.mark.parametrize("stiffness", [1e10, 1e11, 1e12, 1e13])
+@pytest.mark.parametrize(
+    "stiffness", [1e10, *(pytest.param(value, marks=pytest.mark.slow) for value in (1e11, 1e12)), 1e13]
+)
 def test_a_bounded_worst_case_sounds_the_same(stiffness, without_basis):
     """At most four rounds on a bridge of thirty points, α = 1, solved contact by contact: energy to 1e-11, and
     third-octave bands within 0.5 dB of solves that all converged. The motion is chaotic, and a band of single runs
@@ -377,7 +381,7 @@ def test_a_bounded_worst_case_sounds_the_same(stiffness, without_basis):
             pluck = base.force[0].model_copy(update={"amplitude": -0.4 * (1 + 1e-6 * rng.normal())})
             rendering = engine.render(base.model_copy(update={"force": [pluck]}), seconds=1.5, iterations=iterations)
             assert rendering.stats["energy"]["error_max"] <= 1e-11
-            assert rendering.stats["newton"]["unconverged"] == 0
+            assert rendering.stats["newton"]["reversed_steps"] == 0
             capped += rendering.stats["newton"]["regimes"]["capped"]
             heard.append(bands(rendering.audio[2205:, 0]))
         assert (capped > 0) == (iterations == 4)
@@ -407,21 +411,28 @@ def overflow(built):
 TOUCHING = [path for path in PATCHES if engine.load(path).contact]
 
 
+@pytest.mark.hard_but(
+    "bouncing_ball-not_a_number",
+    "bouncing_ball-overflow",
+    "piano_c4-not_a_number",
+    "rattle-overflow",
+    "sympathetic_strings-overflow",
+    "tanpura-not_a_number",
+)
 @pytest.mark.parametrize("fault", [not_a_number, overflow])
 @pytest.mark.parametrize("path", TOUCHING[::-1], ids=lambda p: p.stem)  # test_block compiles them from the front
 def test_a_failed_solve_is_passive_and_counted(path, fault, monkeypatch):
     """The sound goes on: finite, with no energy from nowhere, and every failure is counted."""
 
-    def faulty(*arguments):
-        return fault(build(*arguments))
+    def faulty(*arguments, **options):
+        return fault(build(*arguments, **options))
 
-    monkeypatch.setattr(render, "build", faulty)
+    for module in (render, brief_contacts):  # which builds again where contacts may be brief
+        monkeypatch.setattr(module, "build", faulty)
     is_late = path.stem in ("bass_frets", "squeaking_finger")  # its first pluck is soft; the finger comes down later
-    rendering = engine.render(engine.load(path), seconds=3.0 if is_late else 0.5)
+    rendering = engine.render(engine.load(path), seconds=3.0 if is_late else 0.5, substeps=1)  # the step is faulty
     assert np.isfinite(rendering.audio).all()
-    failed = rendering.stats["newton"]["unconverged"]
-    assert failed == rendering.stats["newton"]["regimes"]["failed"]
-    assert failed > 0
+    assert 0 < rendering.stats.newton.solve_outcomes.failed <= rendering.stats.newton.unconverged
     if fault is not overflow:  # there, the stored energy itself is infinite
         assert rendering.stats["energy"]["error_max"] <= 1e-12
 
@@ -461,7 +472,7 @@ def test_a_million_bounces():
     walls = [barrier(stiffness=1e12, exponent=2.3, barrier=b, side=s) for b, s in ((1e-4, "above"), (-1e-4, "below"))]
     energies, newton = long(scene([mass(mass=1e-3, velocity=2.0)], contact=walls), 180.0)
     assert newton["regimes"]["separation"] >= 1_000_000
-    assert newton["unconverged"] == 0
+    assert newton["reversed_steps"] == 0
     assert energies["error_max"] <= 1e-10
 
 
@@ -470,7 +481,7 @@ def test_an_hour_of_the_repelled_oscillator(patch):
     """Fig. 6 for 3600 s, 1.6 million collisions."""
     energies, newton = long(patch("repelled_oscillator"), 3600.0)
     assert newton["regimes"]["separation"] > 1_500_000
-    assert newton["unconverged"] == 0
+    assert newton["reversed_steps"] == 0
     assert energies["error_max"] <= 1e-10
     assert newton["max"] <= 3
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import scipy
 from conftest import ROOT
 from poles import exact_poles
-from scipy.optimize import brentq
 
 import engine
 from bench.accuracy.jvari import TIMES, WINDOW, high_to_low
@@ -62,10 +62,13 @@ def touching(scene: engine.Scene) -> list[str]:
 
 
 @functools.lru_cache
-def heard(name: str, bridge: bool = True) -> Heard:
-    """A patch, rendered with the contact force on each body beside what it has; without its bridge if so wished."""
+def heard(name: str, bridge: bool = True, force: float = 1.0) -> Heard:
+    """A patch, rendered with the contact force on each body beside what it has; without its bridge if so wished, and
+    with its forces scaled."""
     scene = engine.load(ROOT / "patches" / f"{name}.toml")
     told = scene.model_dump(exclude_unset=True)
+    for table in told.get("force", []):
+        table["amplitude"] *= force
     if not bridge:
         told["contact"][0]["bridge"]["height"] = -1.0  # m: out of reach
     for k, body in enumerate(touching(scene)):
@@ -103,6 +106,7 @@ def decay_with_joined(scene: engine.Scene, name: str, pitch: float) -> float:
     return min(-pole.real for pole in exact_poles(alone) if abs(cents(pole.imag / 2 / math.pi, pitch)) < 20.0)
 
 
+@pytest.mark.hard_but("piano_c4", "piano_c7", "piano_c2", "rattle", "ball_on_drum", "bass_frets")
 @pytest.mark.parametrize("name", NAMES)
 def test_it_sounds_and_its_energy_is_exact(name):
     rendering = heard(name).rendering
@@ -114,6 +118,7 @@ def test_it_sounds_and_its_energy_is_exact(name):
     assert np.max(np.abs(sounding), axis=0).min() > 1e-3  # m/s, on both sides
 
 
+@pytest.mark.hard_for("snare_wires-head-190.0-2.5-3.5-0", "guitar_frets-string-81.4519-6.6-8.0-0")
 @pytest.mark.parametrize(
     ("name", "body", "pitch", "start", "end", "channel"),
     [
@@ -202,6 +207,7 @@ def test_the_pitch_of_the_tanpura():
     assert abs(cents(frequency, pole.imag / 2 / math.pi)) < 1.0
 
 
+@pytest.mark.hard_for("first round")
 @pytest.mark.parametrize(
     ("start", "pitch"), [(0.1, 97.9989), (3.9, 97.9989)], ids=["first round", "second round, over the others"]
 )
@@ -225,7 +231,7 @@ def held(scene: engine.Scene, frets: list[float], finger: float) -> float:
         matrix[-1, -1] += 1 / (spring - mass * square)
         return float(np.linalg.det(matrix * 1e4))
 
-    return float(brentq(singular, 105.0, 112.0))
+    return float(scipy.optimize.brentq(singular, 105.0, 112.0))
 
 
 def test_the_fretted_string_sounds_from_its_fret():
@@ -396,7 +402,17 @@ def test_the_free_string_answers_and_is_heard_alone():
 
 
 def test_the_bolt_rattles_and_falls_silent():
-    knocks = np.array([t for t, _ in heard("rattle").touches("bolt")])
-    counts = [int(np.sum((knocks > t) & (knocks < t + 0.25))) for t in (0.0, 0.25, 0.75, 1.25)]
-    assert counts[0] > counts[1] >= counts[2] >= counts[3] == 0  # when the last comes is chaotic
-    assert counts[0] > 100
+    """After each of two plucks the bolt knocks hundreds of times a second, then ever more seldom, and in the third
+    second no more.
+
+    The motion is chaotic, and processors differ in the last bits of the coefficients: when the last knock comes is
+    chance. So the plucks are varied in their last bits, and what is said of the end holds for the median of 11 runs.
+    """
+    windows = [(0.0, 0.25), (0.5, 0.75), (1.0, 1.25), (2.0, 3.0)]  # s after a pluck
+    runs = [heard("rattle", force=1.0 + k * 7e-16) for k in range(11)]
+    knocks = [np.array([t for t, _ in run.touches("bolt")]) for run in runs]
+    for pluck in (0.0, 3.0):
+        counts = [[np.sum((pluck + a < t) & (t < pluck + b)) for a, b in windows] for t in knocks]
+        assert min(first for first, *_ in counts) > 100
+        first, second, third, last = np.median(counts, axis=0)
+        assert first > 2 * second and second > third and last == 0

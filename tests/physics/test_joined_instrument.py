@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+import scipy
 
 import engine
 from bench.scenes.choirs import BOARD_MASS, BOARD_RIGIDITY, BOARD_SIZE, LOSS_FACTOR, board
@@ -84,7 +84,9 @@ def independent_motion(times: np.ndarray) -> np.ndarray:
 
     start = np.zeros(2 * omega.size)
     start[MODES], start[omega.size + MODES] = -GAP * math.sqrt(HAMMER), VELOCITY * math.sqrt(HAMMER)
-    found = solve_ivp(slope, (0.0, times[-1]), start, "DOP853", times, rtol=1e-11, atol=1e-16, max_step=2e-6)
+    found = scipy.integrate.solve_ivp(
+        slope, (0.0, times[-1]), start, "DOP853", times, rtol=1e-11, atol=1e-16, max_step=2e-6
+    )
     return np.array([ear @ found.y[: omega.size], bridge @ found.y[: omega.size]])
 
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+import scipy
 
 import engine
 
@@ -79,7 +79,9 @@ def integrated(scene: dict, times: np.ndarray) -> np.ndarray:
         return np.concatenate([v, push / mass])
 
     start = [b["displacement"] for b in bodies] + [b["velocity"] for b in bodies]
-    found = solve_ivp(slope, (0.0, times[-1]), start, "DOP853", times, rtol=1e-9, atol=1e-13, max_step=2e-5)
+    found = scipy.integrate.solve_ivp(
+        slope, (0.0, times[-1]), start, "DOP853", times, rtol=1e-9, atol=1e-13, max_step=2e-5
+    )
     return found.y[:2].T
 
 

@@ -100,7 +100,7 @@ SETS = {
 }
 
 
-@pytest.mark.parametrize("name", mostly_hard(list(SETS), "one"))
+@pytest.mark.parametrize("name", mostly_hard(list(SETS)))
 def test_blocks_and_kernels_make_no_difference(name):
     """Special and general kernel, one core and two, blocks of any size: the same samples."""
     told = driven(*SETS[name], seconds=0.1)

@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 import pytest
+import scipy
 from conftest import mostly_hard
-from scipy.optimize import brentq
 
 import engine
 from bench.paper import equations
@@ -28,7 +28,7 @@ def test_the_oscillator_is_repelled(patch):
     place = engine.render(patch("repelled_oscillator"), seconds=0.1, trace=True).trace["displacement"][:, 0]
     stiffness = (2 * np.pi * 440) ** 2
     stored = lambda y: stiffness * y**2 / 2 + 2.5e10 / 3 * (y + 0.93e-3) ** 3
-    turn = brentq(lambda y: stored(y) - stiffness * 2e-3**2 / 2, -0.93e-3, 1e-3)
+    turn = scipy.optimize.brentq(lambda y: stored(y) - stiffness * 2e-3**2 / 2, -0.93e-3, 1e-3)
     assert place.min() == pytest.approx(-2e-3, rel=1e-3)
     assert place.max() == pytest.approx(turn, abs=2e-6)
     assert np.count_nonzero((place[:-1] < -0.93e-3) & (place[1:] >= -0.93e-3)) > 44  # more often than 440 Hz

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.special import jn_zeros
+import scipy
 
 import engine
 from bench.scenes.small import scene
@@ -73,7 +73,7 @@ def test_a_pan_keeps_the_power(pan):
 def test_the_pressure_of_a_drum_is_rayleighs():
     """Far off, p = ρ/(2πr)·d²V/dt²; of the first mode of a circle V = 2πa²·J₁(z)/z times the amplitude of its middle,
     and no mode but the symmetrical ones moves any air."""
-    z = float(jn_zeros(0, 1)[0])
+    z = float(scipy.special.jn_zeros(0, 1)[0])
     begin = {"kind": "mode", "number": 1, "amplitude": 1e-4}
     body = DRUM | {"displacement": begin, "sigma0": 0.0}
     pickups = [{"body": "d", "quantity": "pressure", "distance": 2.0}, {"body": "d", "at": [0.5, 0.5], "channel": 2}]

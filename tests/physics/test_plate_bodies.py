@@ -76,6 +76,32 @@ def test_wood_is_stiff_along_its_grain():
     np.testing.assert_allclose(f, wanted, rtol=1e-12)
 
 
+@pytest.mark.parametrize("edges", ["supported", "clamped", "free"])
+@pytest.mark.parametrize(
+    ("poisson", "ratio"), [({}, 4.0), ({}, 40.0), ({"poisson": 0.37}, 15.0), ({"poisson": 0.0}, 9.0)]
+)
+def test_wood_may_have_its_sides_the_other_way_round(edges, poisson, ratio):
+    """Turned by a right angle, positions and all, it is the same plate: its ratio is that of the grain's direction,
+    where none is given, and where another would be impossible."""
+    wood = {"thickness": 3e-3, "area_density": 1.5, "edges": edges, "modes": 12} | poisson
+    one = plate(size=[0.43, 0.31], young=[ratio * 8e8, 8e8], **wood).modal_body(5_000.0)
+    other = plate(size=[0.31, 0.43], young=[8e8, ratio * 8e8], **wood).modal_body(5_000.0)
+    np.testing.assert_allclose(other.omega, one.omega, rtol=1e-9)
+    x, y = 0.37, 0.81
+    np.testing.assert_allclose(abs(other.shape([y, x]))[:6], abs(one.shape([x, y]))[:6], rtol=1e-6, atol=1e-9)
+
+
+def test_a_turned_plate_sounds_the_same():
+    wood = {"name": "p", "kind": "plate", "thickness": 3e-3, "area_density": 1.5, "modes": 20, "sigma0": 3.0}
+    bodies = {"size": [0.4, 0.3], "young": [1.2e10, 8e8]}, {"size": [0.3, 0.4], "young": [8e8, 1.2e10]}
+    heard = []
+    for body, turn in zip(bodies, (1, -1), strict=True):
+        push = {"body": "p", "kind": "half_sine", "at": [0.2, 0.6][::turn], "amplitude": 5.0, "duration": 1e-3}
+        pickup = [{"body": "p", "at": [0.7, 0.35][::turn]}]
+        heard.append(engine.render(scene([wood | body], pickup=pickup, force=[push], seconds=0.05)).audio)
+    np.testing.assert_allclose(heard[1], heard[0], atol=1e-9 * abs(heard[0]).max())
+
+
 def test_a_free_plate_moves_as_a_whole_when_it_is_struck():
     """A short push of impulse J in the middle of a plate that floats: its centre of mass moves with J/m."""
     body = {"name": "p", "kind": "plate", "size": [0.4, 0.25], "edges": "free", "modes": 30} | STEEL
@@ -102,7 +128,6 @@ BAD = [
         "a shear modulus is given without two Young's moduli",
     ),
     ({"radius": 0.3, "young": [1e10, 1e9], "thickness": 1e-3}, "a circle of wood; one modulus, or a rectangle"),
-    ({"size": [0.4, 0.3], "young": [1e9, 2e10], "thickness": 1e-3}, "with it νxy·νyx is 1.8; below 1"),
     ({"size": [0.4, 0.3], "flexural_rigidity": 20.0, "tension": 5.0, "edges": "free"}, "a free plate under tension"),
     ({"size": [0.4, 0.3], "frequency": 20.0, "tension": 5.0}, "tension and frequency are both given"),
     ({"size": [0.4, 0.3], "flexural_rigidity": 20.0, "cords": {}}, "cords under a plate that is supported"),

@@ -9,7 +9,7 @@ import engine
 from bench.scenes.small import scene
 from engine.assembly.build import build
 from engine.assembly.limits import build_modal_bodies
-from engine.assembly.mode_counts import with_residual_modes
+from engine.assembly.residual_modes import with_residual_modes
 from engine.bodies import Bar, Plate, String
 
 RATE = 44_100

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.linalg import eigh
+import scipy
 
 from engine.bodies.cylinder_modes import Shell, cylinder_modes, ritz_waves, supported_waves
 
@@ -103,7 +103,7 @@ def thick_tube(shell: Shell, n: int, along: int = 14, across: int = 4) -> tuple[
     law[:3, :3] += bulk
     stiffness = np.einsum("api,ab,p,bpj->ij", rows, law, volume, rows, optimize=True)
     mass = np.kron(np.eye(3), shell.density * f.T @ (volume[:, None] * f))
-    square, vectors = eigh(stiffness, mass)
+    square, vectors = scipy.linalg.eigh(stiffness, mass)
     places = np.polynomial.legendre.legvander(2 * np.array([0.1, 0.8]) - 1, along - 1)
     middle = np.kron(places, np.polynomial.legendre.legvander(np.zeros(1), across - 1))
     return np.sqrt(np.maximum(square, 0)), middle @ vectors[2 * f.shape[1] :]
@@ -122,6 +122,7 @@ def test_free_shells_by_the_elasticity_of_solids(shell, count, rtol, n):
     np.testing.assert_allclose(shapes, np.abs(motion[:, :count]), atol=2 * rtol * np.max(shapes))
 
 
+@pytest.mark.hard_for("tube-free", "tube-clamped")
 @pytest.mark.parametrize("ends", ["free", "clamped", "supported"])
 @pytest.mark.parametrize("shell", [DRUM, TUBE], ids=["drum", "tube"])
 def test_shells_keep_their_lowest_modes(shell, ends):

@@ -6,8 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.linalg import expm, null_space
+import scipy
 
 import engine
 from bench.ruler.loss import motion_error
@@ -45,7 +44,7 @@ def two_bodies(sigma=0.0, other_sigma=0.0, bodies=(), **keys):
 def constrained_system(scene, sigma):
     """K, C, push and what is heard of y'' + C·y' + K·y = push·f with q = N·y, N what the joint leaves free."""
     _, _, layout = build(scene, SAMPLERATE, scene.accuracy)
-    omega, free = layout.modes.omega, null_space(layout.points.coordinate_rows[0])
+    omega, free = layout.modes.omega, scipy.linalg.null_space(layout.points.coordinate_rows[0])
     k, c = (free.T @ np.diag(of) @ free for of in (omega**2, 2 * np.asarray(sigma)))
     return k, c, free.T @ [*SHAPES["a"][1], 0.0, 0.0], free.T @ [0.0, 0.0, *SHAPES["b"][1]]
 
@@ -61,7 +60,7 @@ def exact_motion(scene, sigma, damped_from=0, sigma_before=None):
         n = len(push)
         zero, unit = np.zeros((n, n)), np.eye(n)
         system = np.block([[zero, unit, zero[:, :1]], [-k, -c, push[:, None]], [np.zeros((1, 2 * n + 1))]])
-        maps.append(expm(system / SAMPLERATE))
+        maps.append(scipy.linalg.expm(system / SAMPLERATE))
     y, audio = np.zeros(2 * n + 1), []
     for frame in range(FRAMES):
         audio.append(heard @ y[:n])
@@ -96,8 +95,8 @@ def test_a_rigid_joint_of_unequal_losses_moves_as_the_constrained_system(sigma, 
 
 
 @pytest.mark.parametrize("sigma", [1.0, 100.0, 1000.0])
-def test_no_number_of_steps_errs_more_than_another_under_a_smooth_push(sigma):
-    """Under a half sine, whose mean over a sample acts, all err alike: within a factor of 1.5."""
+def test_errors_under_a_smooth_push_fall_with_the_square_of_the_step(sigma):
+    """Under a half sine, whose mean over each step acts; within a factor of two."""
     seconds = 2e-3
     push = PULSE | {"kind": "half_sine", "duration": seconds}
     scene = two_bodies(sigma, force=[push])
@@ -110,11 +109,13 @@ def test_no_number_of_steps_errs_more_than_another_under_a_smooth_push(sigma):
         )
 
     times, tight = np.arange(FRAMES) / SAMPLERATE, {"method": "DOP853", "rtol": 1e-12, "atol": 1e-14}
-    pushed = solve_ivp(accelerate, (0.0, seconds), np.zeros(2 * n), dense_output=True, **tight)
-    free = solve_ivp(accelerate, (seconds, times[-1]), pushed.y[:, -1], dense_output=True, **tight)
+    pushed = scipy.integrate.solve_ivp(accelerate, (0.0, seconds), np.zeros(2 * n), dense_output=True, **tight)
+    free = scipy.integrate.solve_ivp(accelerate, (seconds, times[-1]), pushed.y[:, -1], dense_output=True, **tight)
     motion = np.where(times < seconds, pushed.sol(np.minimum(times, seconds)), free.sol(np.maximum(times, seconds)))
     errors = errors_of(scene, heard @ motion[:n], [{"substeps": n} for n in SUBSTEPS])
-    assert errors.max() <= 1.5 * errors.min()
+    steps = np.array(SUBSTEPS)
+    assert (np.diff(errors) < 0.0).all()
+    assert (errors[1:] * steps[1:] ** 2 <= 2.0 * errors[1] * steps[1] ** 2).all() and errors[1] < 0.5 * errors[0]
     assert errors.max() <= 5e-4
 
 
@@ -151,7 +152,7 @@ def test_the_stages_of_a_step_are_the_exact_damped_motion(order):
         assert np.all((share > 0.0) & (share < 1.0))
         turn = np.maximum(omega, 1e-7)
         a, b, d = motion_of_stages(turn, lost, STAGES[order], scale, share)
-        wanted = np.array([expm(np.array([[0.0, w], [-w, -2 * sigma]])) for w in turn])
+        wanted = np.array([scipy.linalg.expm(np.array([[0.0, w], [-w, -2 * sigma]])) for w in turn])
         np.testing.assert_allclose(np.transpose([[a, b], [-b, d]], (2, 0, 1)), wanted, rtol=0.0, atol=3e-12)
 
 
@@ -207,13 +208,16 @@ def test_a_collision_of_a_body_that_loses_converges_to_the_continuous_motion():
     times, y, heard = np.arange(FRAMES) / SAMPLERATE, np.zeros(4), [0.0]
     for begin, end in pairwise(times):
         force = 100.0 if begin < (PUSHED - 0.5) / SAMPLERATE else 0.0
-        y = solve_ivp(accelerate, (begin, end), y, args=(force,), method="DOP853", rtol=1e-12, atol=1e-16).y[:, -1]
+        y = scipy.integrate.solve_ivp(
+            accelerate, (begin, end), y, args=(force,), method="DOP853", rtol=1e-12, atol=1e-16
+        ).y[:, -1]
         heard.append(shape @ y[:2])
     errors = errors_of(scene, np.array(heard), [{"substeps": n} for n in (4, 8, 16, 32, 64)])
     assert np.all(errors[1:] <= 0.3 * errors[:-1])
     assert errors[-1] <= 1e-6
 
 
+@pytest.mark.hard_for("snare-limits5", "tanpura-limits6")
 @pytest.mark.parametrize(
     ("name", "limits"),
     [

@@ -5,8 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.special import ellipk
+import scipy
 
 import engine
 from engine.assembly.build import build
@@ -68,7 +67,9 @@ def first_mode(amplitude):
 def integrate(rate_of_change, start, samples):
     """Solution of an independent integrator at the samples."""
     times = np.arange(samples) / RATE
-    solution = solve_ivp(rate_of_change, (0, times[-1]), start, "DOP853", times, rtol=1e-12, atol=1e-15, max_step=4e-6)
+    solution = scipy.integrate.solve_ivp(
+        rate_of_change, (0, times[-1]), start, "DOP853", times, rtol=1e-12, atol=1e-15, max_step=4e-6
+    )
     return solution.y.T
 
 
@@ -129,7 +130,7 @@ def test_one_mode_sounds_higher_by_the_elliptic_integral(rise, frequency):
     omega = 2 * math.pi * frequency
     cubic = rise * omega**2
     top = omega**2 + cubic
-    exact = math.sqrt(top) / (4 * ellipk(cubic / (2 * top)))
+    exact = math.sqrt(top) / (4 * scipy.special.ellipk(cubic / (2 * top)))
     shift = math.log2(measured / frequency) / math.log2(exact / frequency) - 1
     assert abs(shift) < 1e-3
     assert shift == pytest.approx(-((omega / RATE) ** 2) / 3, rel=0.02 + 0.3 * rise)
@@ -211,6 +212,7 @@ def strings_on_a_bridge(scales, shares, has_one_tension=False):
     return integrate(change, begin, SAMPLES)[:, :MODES] @ shape(HEARD)
 
 
+@pytest.mark.hard_for("shares1")
 @pytest.mark.parametrize(
     "shares", [[1.0], [0.8, -0.5], *(pytest.param(x, marks=pytest.mark.hard) for x in ([0.6], [1.0, 1.0]))]
 )
@@ -236,6 +238,7 @@ def test_the_polarisations_of_a_string_stretch_it_together():
     assert mean_slope(parts, reference, (2, 4, 8)) == pytest.approx(2, abs=0.2)
 
 
+@pytest.mark.hard
 def test_two_stretching_strings_that_collide_are_of_second_order():
     stiffness, exponent, gap, phi = 1e7, 2.0, 1e-3, shape(STRUCK)
 
@@ -389,12 +392,13 @@ def check_joined_strings(seeds, limit):
 
 def test_strings_that_stretch_each_other_keep_the_energy():
     """Each tension depends on all others, which move while it is sought."""
-    check_joined_strings(range(60), 1e-12)
+    check_joined_strings(range(20), 1e-12)
 
 
 @pytest.mark.hard
 def test_five_hundred_groups_of_strings_keep_the_energy():
     """As above, at extremes."""
+    check_joined_strings(range(20, 60), 1e-12)
     check_joined_strings(range(60, 560), 1e-11)
 
 
@@ -469,8 +473,7 @@ PLATE = {"name": "p", "kind": "plate", "area_density": 1.0, "flexural_rigidity":
         (PLATE | {"radius": 0.1, "stretching_stiffness": 1e5}, "only a rectangle of size with supported edges"),
         (PLATE | {"size": [0.1, 0.2], "edges": "free", "stretching_stiffness": 1e5}, "supported edges"),
         (PLATE | {"size": [0.1, 0.2], "stretching": True}, "without young and thickness"),
-        (string(axial_stiffness=None, young=2e11), "no core_diameter is given"),
-        (string(young=2e11, core_diameter=1e-3), "both axial_stiffness and young are given"),
+        (string(axial_stiffness=None, young=2e11), "no diameter is given"),
     ],
 )
 def test_a_body_that_cannot_stretch_so_is_refused_with_a_reason(body, message):

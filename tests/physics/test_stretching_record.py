@@ -1,4 +1,4 @@
-"""When bodies stretch, how far their tensions rise, and warnings of motion that is too large for the model."""
+"""When bodies stretch, and how far their tensions rise."""
 
 import math
 
@@ -74,17 +74,24 @@ def test_a_string_stretches_until_its_partials_rise_by_less_than_may_be_left_out
     assert of_string.amplitude == pytest.approx(amplitude_of(0.05))
 
 
-def test_of_two_strings_on_a_body_only_the_loud_one_stretches():
+def test_of_two_strings_only_the_loud_one_stretches():
     """Until the other is struck as well."""
     loud = STRING | {"name": "loud", "displacement": first_mode(amplitude_of(0.05))}
-    body = {"name": "body", "kind": "oscillator", "mass": 0.5, "frequency": 100.0, "damping_rate": 50.0}
-    ends = [{"kind": "end", "body": name, "at": 1, "on": "body"} for name in ("loud", "string")]
     force = {"body": "string", "at": 0.3, "kind": "pulse", "amplitude": 5.0, "start": 0.2, "duration": 2e-3}
-    of_scene = profile_scene(scene(loud, STRING, body, connection=ends, force=[force]), 0.3, RATE).stretching
+    of_scene = profile_scene(scene(loud, STRING, force=[force]), 0.3, RATE).stretching
     first, second = ({of.body: of.intervals for of in of_scene}[name] for name in ("loud", "string"))
     assert first == [[0.0, pytest.approx(0.3, abs=0.01)]]
     (begin, soon), (struck, end) = second
     assert begin == 0.0 and soon < 0.01 and struck == pytest.approx(0.2, abs=0.01) and end > 0.29
+
+
+def test_two_strings_on_a_body_stretch_together():
+    """As long as there is energy that the body may carry from one to the other."""
+    loud = STRING | {"name": "loud", "displacement": first_mode(amplitude_of(0.05))}
+    body = {"name": "body", "kind": "oscillator", "mass": 0.5, "frequency": 100.0, "damping_rate": 50.0}
+    ends = [{"kind": "end", "body": name, "at": 1, "on": "body"} for name in ("loud", "string")]
+    of_scene = profile_scene(scene(loud, STRING, body, connection=ends), 0.3, RATE).stretching
+    assert [of.intervals for of in of_scene] == [[[0.0, pytest.approx(0.3, abs=0.01)]]] * 2
 
 
 def test_a_string_that_is_struck_again_stretches_again():
@@ -137,46 +144,13 @@ def test_a_record_leaves_the_samples_as_they_are():
     assert np.array_equal(*blocks)
 
 
-@pytest.mark.parametrize(
-    ("rise", "words"), [(0.45, []), (0.6, ["rises by 60%", f"{1e3 * amplitude_of(0.6):.3g} mm at 0.000 s"])]
-)
-def test_slopes_that_are_not_small_are_warned_of(rise, words):
-    warnings = engine.render(
-        scene(STRING | {"displacement": first_mode(amplitude_of(rise))}), seconds=0.1
-    ).stats.warnings
-    assert len(warnings) == bool(words)
-    assert all(word in warnings[0] for word in [*words, "small slopes"] if words)
-
-
-def test_a_strike_that_stretches_a_string_too_far_is_warned_of_at_its_time():
-    hammer = HAMMER | {"velocity": 0.0, "displacement": -0.1}
-    strike = {"kind": "strike", "body": "hammer", "time": 0.5, "velocity": 60.0}
-    struck = scene(STRING | {"axial_stiffness": 1e5}, hammer, contact=[STRIKE], event=[strike])
-    (warning,) = engine.render(struck, seconds=0.6).stats.warnings
-    time = float(warning.split(" at ")[1].split(" s")[0])
-    assert 0.5 < time < 0.52
-
-
-@pytest.mark.parametrize("thickness", [{}, {"young": None, "thickness": None, "stretching": None}])
-@pytest.mark.parametrize(("amplitude", "count"), [(0.8, 0), (1.2, 1)])
-def test_plates_that_move_by_more_than_their_thickness_are_warned_of(thickness, amplitude, count):
-    """A thickness that is not given follows from the stiffnesses against bending and stretching."""
-    plate = PLATE | thickness | {"displacement": first_mode(amplitude * THICKNESS)}
-    if thickness:
-        stretching = 2e11 * THICKNESS / (1 - 0.3**2)
-        plate |= {"stretching_stiffness": stretching, "flexural_rigidity": stretching * THICKNESS**2 / 12}
-    warnings = engine.render(scene(plate), seconds=0.1).stats.warnings
-    assert len(warnings) == count
-    assert all(f"moves by {amplitude:.3g} mm at 0.000 s, more than its thickness of 1 mm" in line for line in warnings)
-
-
 def test_inspect_prints_when_a_body_stretches_and_warns(tmp_path, capsys):
     patch = tmp_path / "loud.toml"
     keys = "\n".join(f"{key} = {value!r}".replace("False", "false") for key, value in STRING.items())
-    bend = f'displacement = {{ kind = "mode", number = 1, amplitude = {amplitude_of(0.7)} }}'
+    bend = f'displacement = {{ kind = "mode", number = 1, amplitude = {amplitude_of(0.9)} }}'
     patch.write_text(f'[[body]]\n{keys}\n{bend}\n[[pickup]]\nbody = "string"\nat = 0.3\n', "utf-8")
     assert main.main(["inspect", str(patch), "--seconds", "1"]) == 0
     printed = capsys.readouterr()
     (line,) = [line for line in printed.out.splitlines() if line.startswith("string:")]
-    assert "stretches from 0.000 s to 0.5" in line and "s, then linear; the tension rises by 51.1 N, 0.7 of" in line
-    assert "loud.toml: the tension of" in printed.err
+    assert "stretches from 0.000 s to 0.5" in line and "s, then linear; the tension rises by 65.7 N, 0.9 of" in line
+    assert 'loud.toml: "string" moves by' in printed.err and "small slopes" in printed.err

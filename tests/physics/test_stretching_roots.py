@@ -75,6 +75,7 @@ def states():
 
 @pytest.mark.hard
 def test_the_equation_of_a_step_has_one_root(states):
+    assert states
     for state in states:
         low, high = state.bounds()
         low, high = low * (1 - 1e-9), high * 1.01
@@ -86,6 +87,7 @@ def test_the_equation_of_a_step_has_one_root(states):
 @pytest.mark.hard
 def test_the_root_is_found_from_any_guess(states):
     random = np.random.default_rng(2)
+    assert states
     for state in states:
         low, high = state.bounds()
         for guess in (0.0, low, high, low * (high / low) ** random.random(), 10 * high):

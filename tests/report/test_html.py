@@ -21,7 +21,6 @@ from conftest import ROOT, exit_code
 import engine
 from engine.cli import main, option_checks
 from engine.report import console, html, plots
-from engine.report.contact_shading import ContactShading
 
 BALL = ROOT / "patches" / "bouncing_ball.toml"
 OSCILLATOR = ROOT / "patches" / "repelled_oscillator.toml"
@@ -117,6 +116,7 @@ def test_a_title_is_text_whatever_it_holds(pages):
 @pytest.mark.hard
 def test_its_numbers_are_those_of_json(pages):
     folder, told = pages
+    assert told
     for name, stats in told.items():
         read = Reader((folder / f"{name}.html").read_text("utf-8"))
         rows = {row[0]: row[1] for row in read.rows if len(row) == 2}
@@ -180,6 +180,8 @@ def test_many_channels_and_rates_become_what_browsers_play():
 def test_a_picture_of_an_oversampled_render_keeps_its_time():
     """The ball lands at √(2·0.2/9.81) = 0.2019 s, and nowhere else in 0.3 s."""
     from matplotlib.figure import Figure
+
+    from engine.report.contact_shading import ContactShading
 
     rendering = engine.render(engine.load(BALL), seconds=0.3, oversample=2, trace=True)
     axes = Figure().subplots()

@@ -8,16 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from conftest import ROOT
-from matplotlib import colormaps, rc_context
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.image import imread
 
 import engine
 from engine.analysis.string_shape import StringShape
 from engine.cli import main
 from engine.report import detail_plots, figures, plots, work_precision_plot
-from engine.report.contact_shading import widen
 from engine.report.trace_signals import first_contact
 
 BALL = ROOT / "patches" / "bouncing_ball.toml"
@@ -31,6 +26,8 @@ def ball():
 
 def drawn(draw, subject):
     """The axes of a figure on which a panel is drawn, with its layout made."""
+    from matplotlib.figure import Figure
+
     figure = Figure((10.0, 2.5), layout="constrained")
     axes = figure.subplots()
     draw(axes, subject)
@@ -41,6 +38,8 @@ def drawn(draw, subject):
 @pytest.mark.parametrize("name", [figures.LEVEL_MAP, figures.SIGNED_MAP])
 def test_maps_can_be_read_in_greyscale(name):
     """Lightness rises or falls along the whole map."""
+    from matplotlib import colormaps
+
     lightness = colormaps[name](np.linspace(0.0, 1.0, 64))[:, :3] @ [0.299, 0.587, 0.114]
     steps = np.diff(lightness)
     assert np.all(steps > 0.0) or np.all(steps < 0.0)
@@ -131,6 +130,8 @@ def test_units_have_prefixes(value, text):
 
 
 def test_a_whole_picture_is_written_whatever_its_title(ball, tmp_path):
+    from matplotlib.image import imread
+
     plots.plot_rendering(ball, OFFENDING_TITLE, tmp_path / "ball.png")
     image = imread(tmp_path / "ball.png")[:, :, :3]
     edges = [image[:3], image[-3:], image[:, :3], image[:, -3:]]
@@ -169,6 +170,7 @@ def noisy_rendering(begin: float, seconds: float) -> SimpleNamespace:
     return SimpleNamespace(audio=audio, samplerate=rate, trace=trace)
 
 
+@pytest.mark.hard_for("0.2-True")
 @pytest.mark.parametrize(("seconds", "shown"), [(0.001, False), (0.2, True)])
 def test_iterations_have_a_panel_only_where_it_would_show_something(seconds, shown, tmp_path, monkeypatch):
     """One blow of a millisecond is a line at the edge of four seconds; the picture of the contact below has it."""
@@ -184,6 +186,8 @@ def test_iterations_have_a_panel_only_where_it_would_show_something(seconds, sho
 @pytest.mark.parametrize("begin", [1.0, 1.001, 1.0025, 2.7181])
 def test_a_short_contact_is_shaded_over_two_pixels(dpi, begin):
     """At every resolution: 0.125 ms of four seconds would be a thirtieth of a pixel."""
+    from matplotlib.figure import Figure
+
     figure = Figure((10.0, 2.5), layout="constrained", dpi=dpi)
     axes = figure.subplots()
     plots.shade_contact(axes, noisy_rendering(begin, 1 / 8000))
@@ -195,13 +199,17 @@ def test_a_short_contact_is_shaded_over_two_pixels(dpi, begin):
     assert row.min() == pytest.approx(row[row < row.max()].max(), abs=2), "an edge is half shaded"
 
 
-def image_of(figure: Figure) -> np.ndarray:
+def image_of(figure) -> np.ndarray:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())
 
 
 def test_contacts_that_would_overlap_are_not_shaded_twice():
+    from engine.report.contact_shading import widen
+
     assert widen([(3.0, 3.1), (1.0, 1.2), (1.3, 2.0), (3.05, 3.06)], 0.5) == [(1.0, 2.0), (3.0, 3.55)]
     assert widen([(1.0, 3.0), (1.5, 2.0)], 0.0) == [(1.0, 3.0)]
 
@@ -237,6 +245,9 @@ def test_a_picture_for_paper_is_as_wide_as_a_column_with_letters_of_eight_points
 
 
 def test_panels_for_paper_are_not_cut_and_their_legends_stand_above_them(ball):
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
     look = figures.PLOT_STYLES["paper"]
     with rc_context(look.settings):
         figure = Figure(look.size(10.0, 2.5), layout="constrained")

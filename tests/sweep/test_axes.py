@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import soundfile
 from conftest import ROOT, exit_code
 from sweeps import MARBLE, axis, plan
 
@@ -124,6 +125,31 @@ def test_ends_that_cannot_be_are_refused_before_anything_is_rendered(tmp_path, c
     assert 'pickup.0.quantity: "loudness" is not known' in "".join(said)
     assert "contact.glass.barrier: on and barrier are both given" in "".join(said)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.hard
+def test_a_shorter_sound_leaves_out_the_events_that_come_later(tmp_path, capsys):
+    """As --seconds does: the same samples, and one line, for a patch, and for notes and dampers of an instrument."""
+    for patch, texts in (("kalimba", "0.1,0.3"), ("kalimba_keys", "0.2..0.4:2")):
+        scene = engine.load(patch)
+        assert any(event.time > 0.4 for event in scene.event)
+        folder = tmp_path / patch
+        words = ["--vary", f"seconds={texts}", "--subtype", "DOUBLE", "--gain", "0"]
+        assert main.main(["sweep", patch, "-o", str(folder), *words, "--cores", "1"]) == 0
+        said = [line for line in capsys.readouterr().err.splitlines() if "later than" in line]
+        assert len(said) == 1 and said[0].startswith("note: seconds: ")
+        sounds = sorted(folder.glob("*.wav"))
+        for path, seconds in zip(sounds, (0.1, 0.3) if "," in texts else (0.2, 0.4), strict=True):
+            whole = engine.render(scene, seconds=seconds)
+            np.testing.assert_array_equal(soundfile.read(path, always_2d=True)[0], whole.audio)
+    rows = engine.run_sweep_rows(engine.load("kalimba"), {"seconds": [0.05, 2.5]})
+    assert [row["status"] for row in rows] == ["done", "done"]
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "long", "4000"])
+def test_seconds_that_cannot_be_are_refused(tmp_path, capsys, value):
+    assert main.main(["sweep", "kalimba", "-o", str(tmp_path / "out"), "--vary", f"seconds={value},1"]) == 2
+    assert "fdh --vary: seconds: " in capsys.readouterr().err
 
 
 # --- what is asked for

@@ -1,5 +1,7 @@
 """Sweeps as labelled data sets: what they hold is what single renders give, at the values they are labelled with."""
 
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 from sweeps import GRID, MARBLE, MASS, SECONDS, STIFFNESS, swept
@@ -7,7 +9,7 @@ from sweeps import GRID, MARBLE, MASS, SECONDS, STIFFNESS, swept
 import engine
 from engine.analysis.features import features
 
-pytest.importorskip("xarray", reason="needs xarray")
+pytestmark = pytest.mark.skipif(find_spec("xarray") is None, reason="needs xarray")  # which takes a second to import
 SCENE = engine.load(MARBLE)
 
 

@@ -87,3 +87,27 @@ def test_what_is_no_sweep_is_refused_with_the_remedy(tmp_path):
         engine.read_sweep_rows(tmp_path)
     with pytest.raises(TypeError, match="3 is not a path; give the folder of a sweep"):
         engine.read_sweep_rows(3)
+
+
+def test_a_row_says_that_its_forces_are_not_to_be_trusted_and_why():
+    told = engine.load("snare_wires")
+    bad, good = engine.run_sweep_rows(told, {"accuracy.iterations": [2, 6]}, seconds=0.1)
+    stats = engine.render(told, seconds=0.1, iterations=2).stats
+    assert (bad["trusted"], good["trusted"]) == (0, 1) and good["reasons"] == ""
+    assert bad["reasons"] == "; ".join(stats.reasons) and "reached the iteration limit" in bad["reasons"]
+    assert bad["unconverged"] == bad["capped"] == stats.newton.solve_outcomes.capped > 100
+    assert stats.newton.unconverged == stats.as_dict()["newton"]["unconverged"] == bad["capped"]
+
+
+def test_the_folder_of_a_sweep_of_an_earlier_version_can_be_read(found, tmp_path):
+    rows, folder = found
+    later = ("capped", "trusted", "reasons")
+    with open(folder / "index.csv", newline="", encoding="utf-8") as file:
+        cells = [{name: cell for name, cell in row.items() if name not in later} for row in csv.DictReader(file)]
+    with open(tmp_path / "index.csv", "w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, cells[0], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(cells)
+    before = engine.read_sweep_rows(tmp_path)
+    assert [row["peak"] for row in before] == [row["peak"] for row in rows]
+    assert {row["trusted"] for row in before} == {row["capped"] for row in before} == {None}

@@ -16,8 +16,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from scipy.integrate import DOP853
-from scipy.optimize import brentq
+import scipy
 
 from bench.ruler.rubbing import Bristles, as_rubbing, excess_of, friction_forces, rates, reach, turn
 from engine.problems.problem import Problem, energy_of, stretching_force
@@ -103,7 +102,9 @@ class SmoothPart:
         return y, SmoothPart(self.problem, closed, side)
 
 
-def find_crossing(part: SmoothPart, solver: DOP853, motion: Callable[..., np.ndarray]) -> tuple[float, int] | None:
+def find_crossing(
+    part: SmoothPart, solver: "scipy.integrate.DOP853", motion: Callable[..., np.ndarray]
+) -> tuple[float, int] | None:
     """When the first contact changes within the last step, and which; None if none does."""
     times = solver.t_old + LOOKED_AT * (solver.t - solver.t_old)
     wrong = part.excess(motion(times).T) > 0.0
@@ -124,7 +125,7 @@ def crossing_of(part: SmoothPart, motion: Callable[..., np.ndarray], k: int, beg
         right = next((t for t in shares if part.excess(motion(t))[k] < 0.0), ended)
     if right == ended:
         return begun
-    return float(brentq(lambda t: part.excess(motion(t))[k], right, ended, xtol=1e-18, rtol=1e-15))
+    return float(scipy.optimize.brentq(lambda t: part.excess(motion(t))[k], right, ended, xtol=1e-18, rtol=1e-15))
 
 
 def simulate_dop853(problem: Problem, tolerance: float) -> Trajectory:
@@ -146,7 +147,7 @@ def integrate(problem: Problem, tolerance: float) -> Trajectory:
     sizes, now, done = tolerance * smallest_sizes(problem), 0.0, 1
     states[0], part = y, SmoothPart(problem, closed, side)
     while done <= problem.frames:
-        solver = DOP853(part.rate, now, y, at[-1], rtol=tolerance, atol=sizes)
+        solver = scipy.integrate.DOP853(part.rate, now, y, at[-1], rtol=tolerance, atol=sizes)
         crossing = None
         while solver.status == "running" and crossing is None:
             if time.process_time() - begun > GIVEN_UP_SECONDS:

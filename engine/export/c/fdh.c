@@ -9,15 +9,15 @@
 /* --- what is in fdh_patch.o */
 
 typedef struct {
-    int64_t number[6]; /* as the engine's queue of events has them; FDH_START: frame, counted from now */
-    double value[2];
+    int64_t number[8]; /* as the engine's queue of events has them; FDH_START: frame, counted from now */
+    double value[FDH_VALUES];
 } row;
 typedef struct {
     int64_t first, count;
 } rows;
 typedef struct {
     int64_t number, group; /* keys of one group, if it is not negative, sound one at a time */
-    rows on[FDH_LEVELS], off, damp, lift, end;
+    rows on[FDH_LEVELS], off[FDH_LEVELS], damp, lift, steal;
 } key;
 typedef struct {
     int64_t at_zero, at_one, count; /* rows for a value of 0 and of 1: others lie on a line through these */
@@ -47,7 +47,9 @@ static const layout LAYOUTS[FDH_PARTS] = {FDH_LAYOUTS};
 typedef struct {
     int pedal;
     int64_t presses, pressed[FDH_KEYS + 1]; /* which press of a key sounds; 0: none */
+    int velocity[FDH_KEYS + 1]; /* with which a key was pressed last */
     char down[FDH_KEYS + 1];
+    int presses_of[FDH_KEYS + 1]; /* how often a key that is down was pressed: it is held as often */
 } keyboard;
 
 struct fdh {
@@ -162,11 +164,11 @@ static void add(message *sent, const row *from, const row *to, int64_t count, do
     for (int64_t i = 0; i < count; i++, sent->end++) {
         if (waiting(sent) >= FDH_QUEUE) continue; /* it will be refused as a whole */
         int64_t slot = sent->end % FDH_QUEUE, *event = (int64_t *)(scene + LAYOUTS[EVENTS_TO].events) + FDH_EVENT * slot;
-        double *value = (double *)(scene + LAYOUTS[EVENTS_TO].values) + 2 * slot;
+        double *value = (double *)(scene + LAYOUTS[EVENTS_TO].values) + FDH_VALUES * slot;
         memset(event, 0, sizeof(int64_t) * FDH_EVENT);
         memcpy(event, from[i].number, sizeof from[i].number);
         if (event[FDH_START] > 0) event[FDH_START] += frame;
-        for (int k = 0; k < 2; k++) value[k] = from[i].value[k] + share * (to[i].value[k] - from[i].value[k]);
+        for (int k = 0; k < FDH_VALUES; k++) value[k] = from[i].value[k] + share * (to[i].value[k] - from[i].value[k]);
     }
 }
 
@@ -204,18 +206,43 @@ static int find_key(int number) {
     return -1;
 }
 
-/* End the note of a key, whatever the pedal says. */
-static void end_key(message *sent, keyboard *keys, int n) {
-    add_rows(sent, fdh_keys[n].end);
+/* Add rows of a key at a velocity, of which there are those of a few. */
+static void add_at(message *sent, const rows *of_levels, int velocity) {
+    int level = 0;
+    while (fdh_levels[level] < velocity) level++;
+    const rows *above = of_levels + level;
+    if (fdh_levels[level] == velocity || above[-1].count != above->count) {
+        add_rows(sent, *above);
+        return;
+    }
+    double below = fdh_levels[level - 1], share = (velocity - below) / (fdh_levels[level] - below);
+    add(sent, fdh_rows + above[-1].first, fdh_rows + above->first, above->count, share);
+}
+
+/* Let a key go, but for its dampers. */
+static void let_go(message *sent, const keyboard *keys, int n) { add_at(sent, fdh_keys[n].off, keys->velocity[n]); }
+
+/* Let a key that is down go: its dampers come down, unless the pedal keeps them up. */
+static void release_key(message *sent, keyboard *keys, int n) {
+    let_go(sent, keys, n);
+    if (!keys->pedal) add_rows(sent, fdh_keys[n].damp);
     keys->down[n] = 0;
+    if (!keys->pedal) keys->pressed[n] = 0;
+}
+
+/* End the note of a key, whatever the pedal says: beside its dampers another one comes down for a while. */
+static void end_key(message *sent, keyboard *keys, int n) {
+    if (keys->down[n]) release_key(sent, keys, n);
+    add_rows(sent, fdh_keys[n].steal);
     keys->pressed[n] = 0;
 }
 
-/* End the notes that cannot go on beside that of a key: of its group, or one too many. */
+/* End the notes that cannot go on beside that of a key: its own, of its group, or one too many. */
 static void make_room(message *sent, keyboard *keys, int pressed) {
+    if (keys->down[pressed]) let_go(sent, keys, pressed);
     for (int n = 0; n < FDH_KEYS; n++)
-        if (n != pressed && keys->pressed[n] && fdh_keys[n].group >= 0 && fdh_keys[n].group == fdh_keys[pressed].group)
-            end_key(sent, keys, n);
+        if (n != pressed && keys->down[n] && fdh_keys[n].group >= 0 && fdh_keys[n].group == fdh_keys[pressed].group)
+            release_key(sent, keys, n);
     for (;;) {
         int count = 0, oldest = -1;
         for (int n = 0; n < FDH_KEYS; n++) {
@@ -231,22 +258,17 @@ static void make_room(message *sent, keyboard *keys, int pressed) {
 }
 
 int fdh_note_on(fdh *patch, int number, int velocity) {
-    int n = find_key(number), level = 0;
+    int n = find_key(number);
     if (n < 0) return FDH_UNKNOWN;
     if (velocity < 1 || velocity > 127) return FDH_OUT_OF_RANGE;
     keyboard keys = patch->keyboard;
     message sent = begin_message(patch);
     make_room(&sent, &keys, n);
+    keys.presses_of[n] = keys.down[n] ? keys.presses_of[n] + 1 : 1;
     keys.down[n] = 1;
     keys.pressed[n] = ++keys.presses;
-    while (fdh_levels[level] < velocity) level++;
-    const rows *on = fdh_keys[n].on + level;
-    if (fdh_levels[level] == velocity || on[-1].count != on->count) {
-        add_rows(&sent, *on);
-    } else {
-        double below = fdh_levels[level - 1], share = (velocity - below) / (fdh_levels[level] - below);
-        add(&sent, fdh_rows + on[-1].first, fdh_rows + on->first, on->count, share);
-    }
+    keys.velocity[n] = velocity;
+    add_at(&sent, fdh_keys[n].on, velocity);
     int result = send(&sent);
     if (result == FDH_DONE) patch->keyboard = keys;
     return result;
@@ -256,14 +278,16 @@ int fdh_note_off(fdh *patch, int number) {
     int n = find_key(number);
     if (n < 0) return FDH_UNKNOWN;
     if (!patch->keyboard.down[n]) return FDH_DONE;
+    keyboard keys = patch->keyboard;
+    if (--keys.presses_of[n] > 0) {
+        patch->keyboard = keys;
+        return FDH_DONE;
+    }
     message sent = begin_message(patch);
-    add_rows(&sent, fdh_keys[n].off);
-    if (!patch->keyboard.pedal) add_rows(&sent, fdh_keys[n].damp);
+    release_key(&sent, &keys, n);
     int result = send(&sent);
-    if (result != FDH_DONE) return result;
-    patch->keyboard.down[n] = 0;
-    if (!patch->keyboard.pedal) patch->keyboard.pressed[n] = 0;
-    return FDH_DONE;
+    if (result == FDH_DONE) patch->keyboard = keys;
+    return result;
 }
 
 int fdh_pedal(fdh *patch, int down) {

@@ -41,7 +41,7 @@ int fdh_samplerate(void);
 int64_t fdh_length(void);
 
 /* Compute the next samples: frames * channels numbers, in SI units. As long as nothing below is called, they are those
- * of `engine.render(…).audio`. No memory is allocated, and nothing waits, so that an audio callback may call it. */
+ * of `fdh.render(…).audio`. No memory is allocated, and nothing waits, so that an audio callback may call it. */
 void fdh_process(fdh *patch, double *out, int frames);
 
 /* Largest error of the energy so far, as a share of the largest energy; read every 64 samples. Beyond 1e-9, something
@@ -58,7 +58,8 @@ int fdh_strike(fdh *patch, int pad, double size);
  * strings than the keys. Returns FDH_DONE, FDH_UNKNOWN, FDH_OUT_OF_RANGE or FDH_FULL. */
 int fdh_note_on(fdh *patch, int key, int velocity);
 
-/* Let a key go. Nothing happens if it is not pressed. Returns FDH_DONE, FDH_UNKNOWN or FDH_FULL. */
+/* Let a key go: it comes up when it was let go as often as pressed. Nothing happens if it is not pressed. Returns
+ * FDH_DONE, FDH_UNKNOWN or FDH_FULL. */
 int fdh_note_off(fdh *patch, int key);
 
 /* Move the sustain pedal of an instrument: down if not 0. Returns FDH_DONE, FDH_UNKNOWN without keys, or FDH_FULL. */

@@ -17,10 +17,17 @@ function atVelocity(rowsOn, velocity) {
 
 const down = new Set(), kept = new Set(); // keys that are down, and those that the sostenuto pedal keeps
 const pedals = { sustain: 0, sostenuto: 0, soft: 0 }; // how far down, 0 to 127
+const presses = new Map(); // how often a key that is down was pressed: it is held as often
+const velocities = new Map(); // with which keys were pressed last
 let sounding = []; // keys whose dampers have not ended them, the oldest first
 
 const isDown = pedal => pedals[pedal] >= data.pedal_down;
-const letGo = key => isDown("soft") && key.soft_on.length ? key.soft_off : key.off;
+
+// Rows of a key that is let go, but for its dampers.
+function letGo(key) {
+  const off = isDown("soft") && key.soft_on.length ? key.soft_off : key.off;
+  return off.length > 1 ? atVelocity(off, velocities.get(key)) : off[0];
+}
 
 // Rows that put the dampers of a key down as far as the pedals let them.
 function damp(key) {
@@ -36,14 +43,26 @@ function end(key) {
   kept.delete(key);
   sounding = sounding.filter(one => one !== key);
   mark(key, false);
-  return [...rows, ...key.steal, ...damp(key)];
+  return [...rows, ...damp(key), ...key.steal]; // of two dampers the newer counts, and the other goes on
+}
+
+// Takes one press of a key back. Returns whether the key comes up.
+function takeBack(key) {
+  if (!down.has(key)) return false;
+  presses.set(key, presses.get(key) - 1);
+  return presses.get(key) < 1 && down.delete(key);
 }
 
 function press(key, velocity) {
+  presses.set(key, (down.has(key) ? presses.get(key) : 0) + 1);
   if (data.voices.length) return pressVoice(key, velocity);
-  const rows = [];
+  const rows = down.has(key) ? [...letGo(key)] : [];
   const inGroup = other => other !== key && key.group !== null && other.group === key.group;
-  for (const other of sounding.filter(inGroup)) rows.push(...end(other));
+  for (const other of [...down].filter(inGroup)) {
+    down.delete(other);
+    rows.push(...letGo(other), ...damp(other));
+    mark(other, false);
+  }
   let others = sounding.filter(other => other !== key);
   while (others.length >= data.polyphony) {
     const oldest = others.find(other => !down.has(other)) || others[0];
@@ -52,6 +71,7 @@ function press(key, velocity) {
   }
   sounding = [...others, key];
   down.add(key);
+  velocities.set(key, velocity);
   rows.push(...atVelocity(isDown("soft") && key.soft_on.length ? key.soft_on : key.on, velocity));
   send({ rows });
   mark(key, true);
@@ -59,7 +79,7 @@ function press(key, velocity) {
 
 function release(key) {
   if (data.voices.length) return releaseVoice(key);
-  if (!down.delete(key)) return;
+  if (!takeBack(key)) return;
   send({ rows: [...letGo(key), ...damp(key)] });
   mark(key, false);
 }
@@ -77,7 +97,7 @@ function movePedal(pedal, value) {
     moved = before;
   }
   const free = moved.filter(key => !down.has(key) && !kept.has(key));
-  if (free.length) send({ rows: free.flatMap(key => [...key.lift, ...damp(key)]) });
+  if (free.length) send({ rows: free.flatMap(key => data.shares[pedals.sustain] ? damp(key) : key.lift) });
 }
 
 // All keys and pedals come up; nothing is sent.
@@ -157,7 +177,10 @@ function makeKeyboard() {
     const key = played(event) ? keyOf(event) : undefined;
     if (key) release(key);
   });
-  window.addEventListener("blur", () => [...down].forEach(key => release(key))); // no key is left hanging
+  window.addEventListener("blur", () => [...down].forEach(key => { // no key is left hanging
+    presses.set(key, 1);
+    release(key);
+  }));
   $("hint").textContent = "Lower on a key is louder. The computer's keys Z to M and Q to P play too.";
   makePedals();
 }

@@ -13,29 +13,28 @@ function voiceFor(key) {
 
 function pressVoice(key, velocity) {
   while (voices.length < data.voices.length) voices.push({ key: null, since: 0 });
-  const n = voiceFor(key), { on, steal } = data.voices[n], voice = voices[n], other = voice.key;
-  let rows = atVelocity(on[key.body], velocity);
-  if (other !== key) rows = [key.tune[n], ...rows];
-  if (other && other !== key) { // the note begins when the last one is damped
-    rows = [...steal, ...rows.map(row => [...row.slice(0, 4), row[4] + data.steal_frames, ...row.slice(5)])];
-    down.delete(other);
-    mark(other, false);
-  }
+  const n = voiceFor(key), voice = voices[n], other = voice.key, isNew = other !== key;
+  const rows = atVelocity(data.voices[n].on[key.body], velocity);
+  if (other && isNew) mark(other, false);
   Object.assign(voice, { key, since: ++pressed });
   down.add(key);
-  send({ rows });
+  send({
+    voice: n, rows: isNew ? [key.tune[n], ...rows] : rows, steal: isNew ? data.voices[n].steal : [],
+    frames: data.steal_frames,
+  });
   mark(key, true);
 }
 
-// Rows that damp the voice of a key, unless it is down or a pedal keeps it.
+// Damp the voice of a key, unless the key is down or a pedal keeps it.
 function dampVoice(key) {
   const n = voices.findIndex(voice => voice.key === key);
-  return n < 0 || down.has(key) || kept.has(key) || isDown("sustain") ? [] : data.voices[n].release;
+  if (n < 0 || down.has(key) || kept.has(key) || isDown("sustain")) return;
+  send({ voice: n, rows: data.voices[n].release, frames: data.release_frames });
 }
 
 function releaseVoice(key) {
-  if (!down.delete(key)) return;
-  send({ rows: dampVoice(key) });
+  if (!takeBack(key)) return;
+  dampVoice(key);
   mark(key, false);
 }
 
@@ -45,5 +44,5 @@ function movePedalOfVoices(pedal, was) {
     kept.clear();
     if (isDown(pedal)) down.forEach(key => kept.add(key));
   }
-  send({ rows: voices.filter(({ key }) => key).flatMap(({ key }) => dampVoice(key)) });
+  voices.filter(({ key }) => key).forEach(({ key }) => dampVoice(key));
 }

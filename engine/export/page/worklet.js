@@ -13,6 +13,9 @@ function replaceFused(module) {
   }
 }
 
+// Rows that begin so many frames later.
+const delayed = (rows, frames) => rows.map(row => [...row.slice(0, 4), row[4] + frames, ...row.slice(5)]);
+
 class Patch extends AudioWorkletProcessor {
   constructor({ processorOptions: o }) {
     super();
@@ -34,7 +37,7 @@ class Patch extends AudioWorkletProcessor {
     this.counters = view(BigInt64Array, at.counters, Object.keys(names.Slot).length);
     this.gauges = view(Float64Array, at.gauges, Object.keys(names.Gauge).length);
     this.events = view(BigInt64Array, at.events, at.queue * at.event);
-    this.values = view(Float64Array, at.values, at.queue * 2);
+    this.values = view(Float64Array, at.values, at.queue * at.values_per_event);
     this.balance = view(Float64Array, at.balance, Object.keys(names.Balance).length);
     this.sleep = view(BigInt64Array, at.sleep, at.islands * at.rest);
     this.iterations = view(BigInt64Array, at.iterations, at.islands * at.solves);
@@ -54,6 +57,7 @@ class Patch extends AudioWorkletProcessor {
     this.messages = []; // that come at a frame
     this.waiting = []; // rows, which go into the queue at once, in their order …
     this.song = []; // … and rows that go there soon before they begin
+    this.voices = []; // of each: by how many frames its note began later, and the frame from which it is quiet
     this.gauges[this.o.names.Gauge.GAIN] = this.gain;
     this.frame = 0;
     this.quality = this.limited = this.ease = 0;
@@ -72,9 +76,21 @@ class Patch extends AudioWorkletProcessor {
       this.port.postMessage({ recorded: this.recorded });
       this.recorded = null;
     }
-    const rowsOf = rows => rows.map(row => [...row.slice(0, 4), row[4] + this.frame, ...row.slice(5)]);
-    if (message.rows) this.waiting.push(...rowsOf(message.rows));
-    if (message.song) this.song = [...this.song, ...rowsOf(message.song)].sort((a, b) => a[4] - b[4]);
+    const { rows, song, voice } = message;
+    if (rows) this.waiting.push(...delayed(voice === undefined ? rows : this.rowsOfVoice(message), this.frame));
+    if (song) this.song = [...this.song, ...delayed(song, this.frame)].sort((a, b) => a[4] - b[4]);
+  }
+  // Rows of a voice that gets a note, or that is released: without `steal`. A note begins when the last one is damped, and
+  // ends as much later (engine.live.voice_allocator). frames: that the damper takes
+  rowsOfVoice({ voice, rows, steal, frames }) {
+    const known = this.voices[voice] ||= { delay: 0, quiet: 0 };
+    if (!steal) {
+      known.quiet = Math.min(known.quiet, this.frame + known.delay + frames);
+      return delayed(rows, known.delay);
+    }
+    known.delay = steal.length && known.quiet > this.frame ? frames : 0;
+    known.quiet = Infinity;
+    return known.delay ? [...steal, ...delayed(rows, known.delay)] : rows;
   }
   // Take messages that come at a frame.
   takeDue() {
@@ -96,9 +112,11 @@ class Patch extends AudioWorkletProcessor {
     if (index - counters[Slot.READ_INDEX] >= BigInt(queue)) return false;
     const slot = Number(index % BigInt(queue));
     for (let i = 0; i < event; i++) this.events[slot * event + i] = i < 6 ? BigInt(Math.round(row[i])) : 0n;
-    this.events[slot * event + this.o.at.table] = BigInt(row[8] || 0); // of an exchange: where its copies are
-    this.values[2 * slot] = row[6];
-    this.values[2 * slot + 1] = row[7];
+    const { note, release, table, values_per_event } = this.o.at;
+    this.events[slot * event + note] = BigInt(row[9]);
+    this.events[slot * event + release] = BigInt(row[10]);
+    this.events[slot * event + table] = BigInt(row[11] || 0); // of an exchange: where its copies are
+    for (let i = 0; i < values_per_event; i++) this.values[values_per_event * slot + i] = row[6 + i];
     counters[Slot.WRITE_INDEX] = index + 1n;
     return true;
   }
@@ -166,7 +184,7 @@ class Patch extends AudioWorkletProcessor {
     if (this.quality === before) return;
     this.quality = Math.min(this.quality, this.o.coarsest);
     this.ease = 0;
-    this.waiting.unshift([this.o.names.EventKind.QUALITY, 0, this.quality, 0, this.frame, 0, 0, 0]);
+    this.waiting.unshift([this.o.names.EventKind.QUALITY, 0, this.quality, 0, this.frame, 0, 0, 0, 0, 0, 0]);
   }
 }
 registerProcessor("fdh-patch", Patch);

@@ -1,12 +1,13 @@
-"""The law of friction at a point: a bristle of stiffness k between two surfaces, which bends by z and slips where it
-would push harder than the normal force allows (docs/design.md, "Friction").
+"""The law of friction at a point: a bristle of stiffness k and damping c between two surfaces, which bends by z and
+slips where it would push harder than the normal force allows (docs/design.md, "Friction").
 
-    F = clip(k·(z + θ·Δ), ±F_max),    z⁺ = clip(z + Δ, ±F_max/k),    θ = max(½, 1 - 1/(B·k))
+    F = clip(k·z + K·Δ, ±F_max),    z⁺ = z + (F - k·z)/K, within ±F_max/k,
+    K = θ·k + c/h,    θ = max(½, 1 - 1/(B·k) - c/(h·k))
 
-with Δ = η the slip of the surfaces in a step, and F_max known before it. F never falls with η, so that the law is
-solved with those of contacts, of which each is such a law too. It contains Coulomb's as k → ∞, and creates no energy:
-the work F·Δ is at least what the bristle gains, ½k(z⁺² - z²). The force of a point that sticks is the mean over the
-step, unless it would then alternate from step to step.
+with Δ = η the slip of the surfaces in a step of length h, and F_max known before it is solved. F never falls with η, so
+that the law is solved with those of contacts, of which each is such a law too. It contains Coulomb's as k → ∞, and
+creates no energy: the work F·Δ is at least what the bristle gains, ½k(z⁺² - z²). The force of a point that sticks is
+the mean over the step, unless it would then alternate from step to step.
 """
 
 import math
@@ -15,6 +16,7 @@ from engine.compiler.decorators import inline
 from engine.kernel.data.enums import Sliding, SolveStatus
 
 SAME_FORCE = 1e-14  # share by which forces differ that are the same but for rounding
+STICKING = 1.0 - 1e-12  # share of the largest force: with less, surfaces do not slip
 
 
 @inline
@@ -27,10 +29,11 @@ def slides(friction, k):
 
 @inline
 def acts(friction, k, z):
-    """True if point of friction k may have a force in this step: surfaces are pressed, or its bristle is bent."""
+    """True if point of friction k may have a force in this step: surfaces are pressed, or its bristle is bent. A force
+    that an event has set since the last step counts, too."""
     if friction is None:
         return False
-    return friction[k][Sliding.PRESS] > 0.0 or z != 0.0
+    return friction[k][Sliding.PRESS] > 0.0 or friction[k][Sliding.FORCE] > 0.0 or z != 0.0
 
 
 @inline
@@ -43,27 +46,40 @@ def solve_friction(friction, k, z, g, compliance):
     """
     if friction is None:
         return g, z, 0.0, 0.0, 0, SolveStatus.CLOSED_FORM
-    stiffness, share, most = friction[k][Sliding.BRISTLE], friction[k][Sliding.SHARE], friction[k][Sliding.BOUND]
-    per_scale = 1.0 / (1.0 + compliance * stiffness * share)
-    f, slope = stiffness * (z + share * g) * per_scale, stiffness * share
-    eta = (g - compliance * stiffness * z) * per_scale
+    slope, most = friction[k][Sliding.SLOPE], friction[k][Sliding.BOUND]
+    f = force_of_sticking(friction[k], z, g, compliance)
+    eta = (g - compliance * friction[k][Sliding.BRISTLE] * z) / (1.0 + compliance * slope)
     if not abs(f) <= most:  # NaN is clipped, and found by others
         f, slope = math.copysign(most, f), 0.0
         eta = g - compliance * f
-    return eta, end_of_bristle(friction[k], z + eta), f, slope, 0, SolveStatus.CLOSED_FORM
+    return eta, end_of_bristle(friction[k], z, eta, f), f, slope, 0, SolveStatus.CLOSED_FORM
 
 
 @inline
-def end_of_bristle(point, z):
-    """Return how far the bristle is bent at the end of a step, m, if it would be bent by z without a limit."""
-    limit = point[Sliding.BOUND] / point[Sliding.BRISTLE]
-    return min(max(z, -limit), limit)
+def force_of_sticking(point, z, g, compliance):
+    """Return the force at a point that does not slip in a step, N. g: the slip without friction, m"""
+    slope = point[Sliding.SLOPE]
+    return (point[Sliding.BRISTLE] * z + slope * g) / (1.0 + compliance * slope)
 
 
 @inline
-def share_of_move(bristle, compliance):
-    """Return θ: 1/2, or so much more that the bristle does not alternate. bristle: k, N/m; compliance: B, m/N"""
-    return max(0.5, 1.0 - 1.0 / (compliance * bristle)) if compliance > 0.0 else 0.5
+def end_of_bristle(point, z, eta, f):
+    """Return how far the bristle is bent at the end of a step, m. z: at its start, m; η: slip, m; F: force, N"""
+    stiffness, most = point[Sliding.BRISTLE], point[Sliding.BOUND]
+    bent = eta if abs(f) < STICKING * most else (f - stiffness * z) / point[Sliding.SLOPE]
+    return min(max(z + bent, -most / stiffness), most / stiffness)
+
+
+@inline
+def slope_of_sticking(stiffness, damping, compliance, duration):
+    """Return K, N/m: of the mean over a step, or so much more that the bristle does not alternate.
+
+    stiffness: k, N/m; damping: c, kg/s; compliance: B, m/N; duration: h, s
+    """
+    slope = 0.5 * stiffness + damping / duration
+    if compliance > 0.0:
+        slope = max(slope, stiffness - 1.0 / compliance)
+    return slope
 
 
 @inline
@@ -71,10 +87,10 @@ def respond_by_friction(friction, k, z, eta):
     """Return F at point k, N, and its slope dF/dη, N/m, for a slip η."""
     if friction is None:
         return 0.0, 0.0
-    stiffness, share, most = friction[k][Sliding.BRISTLE], friction[k][Sliding.SHARE], friction[k][Sliding.BOUND]
-    f = stiffness * (z + share * eta)
+    slope, most = friction[k][Sliding.SLOPE], friction[k][Sliding.BOUND]
+    f = friction[k][Sliding.BRISTLE] * z + slope * eta
     if abs(f) <= most:
-        return f, stiffness * share
+        return f, slope
     return math.copysign(most, f), 0.0
 
 
@@ -84,7 +100,7 @@ def is_on_law(friction, k, z, eta, f):
     still stuck, or slides the same way."""
     if friction is None:
         return True
-    size = abs(f) + friction[k][Sliding.BRISTLE] * abs(eta)
+    size = abs(f) + friction[k][Sliding.BRISTLE] * abs(z) + friction[k][Sliding.SLOPE] * abs(eta)
     return abs(respond_by_friction(friction, k, z, eta)[0] - f) <= SAME_FORCE * size
 
 

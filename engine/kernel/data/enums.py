@@ -24,6 +24,9 @@ class SolveStatus(IntEnum):
     NEWTON = 3
     FAILED = 4
     CAPPED = 5  # ended early, with forces off their curves
+    # of steps, beside contact solves
+    LOOSE_TENSION = 6  # a tension was taken with more than rounding left
+    REVERSED = 7  # forces were not found, or not finite: the motion was reversed
 
 
 class EventKind(IntEnum):
@@ -34,16 +37,19 @@ class EventKind(IntEnum):
     STIFFNESS = 2  # the stiffness of the target contacts glides to `value` times what the model says
     BARRIER = 3  # the barriers of the target contacts glide to `value` beyond where the model has them
     EXPONENT = 4  # the exponents of the target contacts glide to `value`
-    LIFT = 5  # what damps the target modes ends, and what was to damp them for good does not begin
+    LIFT = 5  # what damps the target modes ends; if `value` is not 0, what was to damp them for good does not begin
     LAUNCH_AND_LIFT = (
         6  # as STRIKE, and what damps the bodies that the target mode has contacts with is lifted, as by a key
     )
+    PLUCK = 7  # at the target force's point: ½(1 - cos) up to `value` N in `value2` samples, down in `value3`
     # those of live sound
-    PLUCK = 8  # the target external force begins anew
-    SLEEP_QUIETEST = 9  # so many islands, the quietest, sleep
+    FORCE_AGAIN = 8  # the table of the target force acts again, `value` times as strong
+    DROP_QUIETEST = 9  # so many islands fade out and are at rest, the quietest that sound
     QUALITY = 10  # play at a level of quality
     EXCHANGE_TABLES = 11  # some islands get other coefficients
     BOOK_ENERGY = 12  # the energy of an island counts as supplied, or as taken
+    GROUP = 24  # a table of events, which begin together
+    CANCEL = 23  # the events of a note that have not begun are forgotten
     # of connections
     CONNECTION_STIFFNESS = 13  # the stiffness of the target coordinates glides to `value`
     CONNECTION_DAMPING = 14
@@ -58,6 +64,7 @@ class EventKind(IntEnum):
     FRICTION_BRISTLE = 22
 
 
+PUSHING_EVENTS = EventKind.PLUCK, EventKind.FORCE_AGAIN
 FRICTION_EVENTS = tuple(kind for kind in EventKind if kind.name.startswith("FRICTION_"))  # in the order of Sliding
 
 
@@ -67,6 +74,8 @@ class EventCursor(IntEnum):
     FIRST_ACTIVE = 0  # the first event that is not over
     NEXT = 1  # the first that has not begun
     DAMPED = 2  # a column of DampedModes
+    PUSHING = 3  # how many that have begun push: plucks, and forces that act again
+    GLIDING = 4  # and how many glide
 
 
 class DampedModes(IntEnum):
@@ -109,6 +118,7 @@ class Stretch(IntEnum):
     ENDS_BEFORE = 8  # what moving ends stretch it, m: at the begin of the step, and at its end
     ENDS_AFTER = 9
     STRETCHES = 10  # 1, or 0 while the body is taken for linear
+    MISS = 11  # by how much the rise of this round misses that which it leads to; 0 if it does not
 
 
 class SoftMatrix(IntEnum):
@@ -144,9 +154,13 @@ class Sliding(IntEnum):
     PRESS = 7  # N: what presses in the present step
     COEFFICIENT = 8  # of friction in it
     BOUND = 9  # N: the largest force of friction in it
-    SHARE = 10  # θ, of the slip in a step that bends the bristle by then
+    SLOPE = 10  # N/m, of the force by the slip in it, while the surfaces stick
     SLIP = 11  # m/s: how fast the surfaces slip, beyond what the bristle bends
     REMEMBERED_SPEED = 12  # m/s, of slip
+    DAMPING_TIME = 13  # s: damping of the bristle, as a share of its stiffness
+    VISCOUS = 14  # s/m: how the coefficient rises with the speed of slip
+    IS_EXPONENTIAL = 15  # 1 if the coefficient falls as an exponential, 0 if as a hyperbola
+    IS_CHOSEN = 16  # 1 once the coefficient of the present step was chosen by its slip
 
 
 class MovingEnd(IntEnum):
@@ -168,6 +182,28 @@ class StretchFactor(IntEnum):
     END = 3  # 1/m: what ends stretch a string per square of their displacement, and per product of both
     OTHER_END = 4
     BOTH_ENDS = 5
+
+
+class ForceKind(IntEnum):
+    """Shape of an external force in time."""
+
+    TABLE = 0  # only its mean over each sample is known
+    LEVEL = 1  # a constant from its start on, or a pulse
+    HALF_SINE = 2
+    SINE = 3
+    PLUCK = 4
+    LINES = 5  # straight from one frame to the next
+
+
+class ForceNumber(IntEnum):
+    """Columns of ForceShapes.number; times in frames."""
+
+    START = 0
+    DURATION = 1  # infinite of a constant; of a pluck, its rise
+    AMPLITUDE = 2  # N
+    FREQUENCY = 3  # of a sine: periods per frame
+    PHASE = 4  # and periods at its start
+    FADE = 5  # at either end; of a pluck, its fall
 
 
 class EnergyTotal(IntEnum):
@@ -193,7 +229,7 @@ class Sleep(IntEnum):
     WAKE_FRAME = 0
     STATIC_UNTIL = 1  # before this frame, nothing in the island moves
     SAMPLES_SLEPT = 2
-    FORCED = 3  # 1 if it was put to sleep
+    FADE_END = 3  # frame at which an island has faded out; negative: at which it has risen again; 0: neither
 
 
 class StepKind(IntEnum):

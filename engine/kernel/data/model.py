@@ -44,7 +44,15 @@ from engine.kernel.data.axes import (
     Shared,
     SharedInt,
 )
-from engine.kernel.data.enums import FLIGHT_FRAMES, FLIGHT_PART, MovingEnd, PairOnBody, SoftMatrix, StretchFactor
+from engine.kernel.data.enums import (
+    FLIGHT_FRAMES,
+    FLIGHT_PART,
+    ForceNumber,
+    MovingEnd,
+    PairOnBody,
+    SoftMatrix,
+    StretchFactor,
+)
 from engine.kernel.data.laws import Law
 
 
@@ -140,6 +148,7 @@ class StepSettings(NamedTuple):
     kind: int  # StepKind
     is_free: bool  # True if neither contacts nor external forces can act
     frame: int
+    span: Any  # begin and end of the step, frames after this one
 
 
 class FreeMasses(NamedTuple):
@@ -158,7 +167,6 @@ class ExternalForce(NamedTuple):
     table_end: PerForceInt
     table: Shared  # N
     tail: PerForce  # N, for steps past its table
-    scale: PerForce  # factor; events change it
     drive: (
         Annotated[np.ndarray, Items(Axis.FORCE, np.int64, neutral=-1)] | None
     )  # or the point that strings drive, or -1
@@ -256,6 +264,19 @@ class AdaptiveSteps(NamedTuple):
     limit: float  # what twice the steps may change the motion in a sample, relative to the largest motion
 
 
+class ForceShapes(NamedTuple):
+    """External forces as functions of time, for stages of a sample (engine.kernel.interactions.force_shapes)."""
+
+    kind: PerForceInt  # ForceKind
+    number: Annotated[np.ndarray, Items(Axis.FORCE, columns=len(ForceNumber))]
+    envelope_begin: PerForceInt  # its slice of the envelope's points; empty without one
+    envelope_end: PerForceInt
+    envelope_time: Shared  # frames after the start
+    envelope_factor: Shared
+    line_begin: PerForceInt  # where `line` has the value at the first step of the force's table, of LINES
+    line: Shared  # N, at each frame
+
+
 class Refinement(NamedTuple):
     """A sample in stages (engine.kernel.run.refinement). Stages of one length, with the same loss, are of one kind."""
 
@@ -265,6 +286,8 @@ class Refinement(NamedTuple):
     sequence_in_solve: SharedInt  # of order 2, where contact loss is too strong to act between stages
     loss_before: Shared | None  # s: how long contacts and dampers lose before each stage, if they do not in the stages
     loss_after: Shared | None  # and after it
+    damper_share: Shared  # of a sample, for which dampers of events act at either end of a finest step; and within it
+    force: ForceShapes | None  # of the external forces
     length: Shared  # of each kind, as a share of a sample
     steps: int  # of a sample; with AdaptiveSteps, of the coarsest level
     kinds: int  # of stages, of a level
@@ -337,6 +360,7 @@ class Events(NamedTuple):
     target_end: PerEventInt
     value: PerEvent
     value2: PerEvent
+    value3: PerEvent
 
 
 class Pickups(NamedTuple):

@@ -16,6 +16,7 @@ from engine.kernel.data.axes import (
     PerContactInt,
     PerDoubleMode,
     PerEvent,
+    PerForce,
     PerIsland,
     PerIslandInt,
     PerMode,
@@ -151,6 +152,8 @@ class RefinementState(NamedTuple):
     mean_force: PerContact  # N, over the stages so far
     loss_impulse: PerContact  # N·s, of contact loss between the stages so far
     samples_of_strong_loss: PerIslandInt  # in which contact loss was too strong to act between stages
+    damped_at_ends: PerMode  # what dampers of events leave of each momentum at either end of a finest step
+    damped_inside: PerMode  # after its first stage, and before its last
 
 
 class FreeFlightState(NamedTuple):
@@ -189,6 +192,7 @@ class State(NamedTuple):
     compression_compensation: PerContact  # m: what is too small to add to the compression yet (Kahan)
     free_displacement: PerContact  # m: g, the change of compression without contact force
     contact_force: PerContact  # N, mean over the last step
+    external_force: PerForce  # N, mean over the present step
     friction: Annotated[np.ndarray, Items(Axis.CONTACT, columns=len(Sliding))] | None
     drive: Annotated[np.ndarray, Items(Axis.DRIVE, columns=DRIVE_FRAMES)] | None  # N, at each frame modulo their number
     connection: ConnectionState | None

@@ -46,7 +46,7 @@ from engine.kernel.interactions.contacts import (
     push_by_reach,
     store_solution,
 )
-from engine.kernel.interactions.friction import has_friction, is_pressed_anew, surface_move
+from engine.kernel.interactions.friction import choose_alone, choose_together, has_friction, surface_move
 from engine.kernel.interactions.near_contacts import are_all_left_out, contacts_in_reach
 from engine.kernel.modes.mode_step import forget_drift, kinetic_energy, rescale_kinetic_energy
 
@@ -133,6 +133,7 @@ def solve_only_contact(contact, h, s, g, state):
     h:    ContactCoefficients
     s, g: compression, and how the coming drift changes it without the force, m
     """
+    choose_alone(state.friction, INT64_0, s, g, h)
     law = law_in_step(contact, h, state)
     start = step_start(law, INT64_0, s)
     equation = ContactEquation(law, INT64_0, start, g, h.compliance[0], contact.tolerance)
@@ -211,7 +212,9 @@ def solve_several_contacts(contact, h, reach, max_rounds, state):
     if rounds == 0:
         rounds, status, excess = find_coupled_forces(contact, h, reach, (problem, max_rounds), state)
         is_persistent = FALSE
-        if is_pressed_anew(contact.friction, state.scratch.vectors[Row.FORCE], state):
+        choices = INT64_0
+        while choose_together(contact.friction, h, reach, choices, state):
+            choices += 1
             more, status, excess = find_coupled_forces(contact, h, reach, (problem, max_rounds), state)
             rounds += more
     vectors, is_measured = state.scratch.vectors, FALSE

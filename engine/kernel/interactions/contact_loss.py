@@ -5,6 +5,8 @@ e^(-c·W·t), W = Φ·Φᵀ, whatever t. It acts between the stages of a sample,
 stages, some of which go back in time, have no loss. Where the loss is not small, it stays in the solve, at order 2.
 """
 
+import math
+
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.compiler.elementary import expm1_of
 from engine.kernel.contact.contact_law import elastic_force
@@ -54,13 +56,24 @@ def is_small_everywhere(contact_loss, contact, share, samplerate, state):
             velocity = relative_velocity(contact, contact.other_rows, k, state.p)
             end = s + velocity / samplerate
             total += contact_loss.saturation[k] * elastic_force(contact.law, k, max(s, end))
-            if s > 0.0 and velocity < 0.0:
-                if end < MIN_SHARE_LEFT * s or -velocity * contact_loss.loss[k] > MAX_LOSS_LEAVING:
+            if s > 0.0:
+                gained = speed_gained(contact_loss.mobility[k], elastic_force(contact.law, k, s), s, samplerate)
+                if end < MIN_SHARE_LEFT * s or (gained - velocity) * contact_loss.loss[k] > MAX_LOSS_LEAVING:
                     is_pushing = False
     if not total * share <= 1.0:  # NaN is left to the solve
         state.refinement.samples_of_strong_loss[0] += 1
         return FALSE
     return is_pushing
+
+
+@inline
+def speed_gained(mobility, force, s, samplerate):
+    """Return how fast the elastic force of a contact may drive two bodies apart within a sample, m/s: no faster than it
+    pushes now, and than its energy, which is less than f·s, allows.
+
+    mobility: W, 1/kg; force: N; s: compression, m
+    """
+    return min(mobility * force / samplerate, math.sqrt(2.0 * mobility * force * s))
 
 
 @inline

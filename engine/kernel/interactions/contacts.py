@@ -181,6 +181,19 @@ def reset_open_contacts(contact, state):
 
 
 @inline
+def reset_compressions(contact, state):
+    """Read the compressions from the modes, also in contact. If any is closed now, the island is in contact: else a
+    check before the next step would open it, and its energy would be lost. A bristle keeps its bend."""
+    if contact is not None:
+        for k in range(state.compression.shape[0]):
+            if not slides(state.friction, k):
+                state.compression[k] = compression_from_modes(contact, contact.other_rows, state, k)
+                state.compression_compensation[k] = 0.0
+                if state.compression[k] > 0.0:
+                    state.in_contact[0] = 1
+
+
+@inline
 def contact_energy(contact, state):
     """Potential energy of the contacts, J."""
     total = 0.0

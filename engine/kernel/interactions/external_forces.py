@@ -1,7 +1,9 @@
-"""External forces: a table of the mean force over each step (paper, eq. 34)."""
+"""External forces: a table of the mean force over each sample (paper, eq. 34), and its shape in stages; and plucks of
+the score, whose mean over each step is exact."""
 
-from engine.compiler.decorators import inline
-from engine.kernel.data.enums import UNUSED_SLOT
+from engine.compiler.decorators import inline, noinline
+from engine.kernel.data.enums import UNUSED_SLOT, EventCursor, EventKind
+from engine.kernel.interactions.force_shapes import has_shape, mean_of_shape, pluck_impulse
 from engine.kernel.interactions.one_way_drive import driven_force
 from engine.kernel.modes.mode_step import forget_moves
 from engine.kernel.modes.point_rows import project_drift, push_both_at_row
@@ -16,17 +18,24 @@ def has_external_forces(force):
 
 
 @inline
-def force_at(force, drive, ring, j, frame):
-    """Return external force j over the step that begins at sample `frame`, N. drive, ring: of the forces, and of the
-    state"""
-    if drive is not None:
-        if drive[j] >= 0:
-            return driven_force(ring, drive[j], frame)
+def force_at(force, shapes, j, frame, span):
+    """Return external force j, which is not that of strings, over a step, N. shapes: ForceShapes or None"""
     n = frame - force.start[j]
     if n < 0:
         return 0.0
     at = force.table_begin[j] + n
-    return force.scale[j] * (force.table[at] if at < force.table_end[j] else force.tail[j])
+    if at >= force.table_end[j]:
+        return force.tail[j]
+    return table_or_shape(force, shapes, j, at, span)
+
+
+@inline
+def table_or_shape(force, shapes, j, at, span):
+    """Return external force j over a step, where its table has the mean over the sample, N."""
+    if shapes is not None:
+        if has_shape(shapes, j, span):
+            return mean_of_shape(shapes, j, at - force.table_begin[j], span)
+    return force.table[at]
 
 
 @inline
@@ -35,6 +44,42 @@ def is_driven(drive, j):
     if drive is None:
         return False
     return drive[j] >= 0
+
+
+@inline
+def force_of_strings(drive, ring, j, frame):
+    """Return external force j, which strings make, over the sample that begins at this frame, N. drive: of the forces;
+    ring: of the state"""
+    if drive is None:
+        return 0.0
+    return driven_force(ring, drive[j], frame)
+
+
+@inline
+def is_pushing(kind):
+    """True if events of a kind push while they last."""
+    return kind == EventKind.PLUCK or kind == EventKind.FORCE_AGAIN
+
+
+@inline
+def events_push(events, state):
+    """True if plucks of the score, or forces that act again, push now."""
+    if events is None:
+        return False
+    return state.event_cursor[EventCursor.PUSHING] > 0
+
+
+@noinline
+def force_of_event(events, force, shapes, i, frame, span):
+    """Return the force of event i, which pushes, over a step, N. shapes: ForceShapes or None"""
+    n = frame - events.start[i]
+    if events.kind[i] == EventKind.PLUCK:
+        rises, falls = events.value2[i], events.value3[i]
+        impulse = pluck_impulse(rises, falls, n + span[1]) - pluck_impulse(rises, falls, n + span[0])
+        return events.value[i] * impulse / (span[1] - span[0])
+    j = events.target_begin[i]
+    at = force.table_begin[j] + n
+    return events.value[i] * table_or_shape(force, shapes, j, at, span) if at < force.table_end[j] else 0.0
 
 
 @inline
@@ -53,14 +98,40 @@ def next_external_force(force, frame):
 
 
 @inline
-def push_by_external_forces(force, coefficients, frame, state):
-    """Do half a kick by every external force, and keep it for the second half. Returns True if any acts."""
+def shapes_of(refinement):
+    """Return the ForceShapes of a Refinement; None without one."""
+    if refinement is None:
+        return None
+    return refinement.force
+
+
+@inline
+def find_external_forces(force, events, shapes, settings, state):
+    """Find all external forces over a step; those of events on one point add up. shapes: ForceShapes or None"""
+    frame, span = settings.frame, settings.span
+    for j in range(force.start.shape[0]):
+        if is_driven(force.drive, j):
+            state.external_force[j] = force_of_strings(force.drive, state.drive, j, frame)
+        else:
+            state.external_force[j] = force_at(force, shapes, j, frame, span)
+    if events is not None:
+        if events_push(events, state):
+            for i in range(state.event_cursor[EventCursor.FIRST_ACTIVE], state.event_cursor[EventCursor.NEXT]):
+                if is_pushing(events.kind[i]):
+                    pushed = force_of_event(events, force, shapes, i, frame, span)
+                    state.external_force[events.target_begin[i]] += pushed
+
+
+@inline
+def push_by_external_forces(force, model, settings, state):
+    """Do half a kick by every external force, and keep the forces for the second half. Returns True if any acts."""
     acts = False
     if force is not None:
+        find_external_forces(force, model.events, shapes_of(model.refinement), settings, state)
         for j in range(force.start.shape[0]):
-            f = force_at(force, force.drive, state.drive, j, frame)
+            f = state.external_force[j]
             if f != 0.0:
-                push_both_at_row(force.rows, coefficients, j, f, state)
+                push_both_at_row(force.rows, settings.h.force, j, f, state)
                 acts = True
         if acts:
             forget_moves(state.connection)
@@ -68,12 +139,12 @@ def push_by_external_forces(force, coefficients, frame, state):
 
 
 @inline
-def finish_external_forces(force, coefficients, frame, state):
-    """Return the work that the external forces do over the coming drift, J."""
+def finish_external_forces(force, coefficients, state):
+    """Return the work that the external forces of the step do over the coming drift, J."""
     work = 0.0
     if force is not None:
         for j in range(force.start.shape[0]):
-            f = force_at(force, force.drive, state.drive, j, frame)
+            f = state.external_force[j]
             if f != 0.0:
                 work += f * project_drift(force.rows, coefficients, j, state.drift_momentum)
     return work

@@ -1,15 +1,20 @@
 """Friction: points at which surfaces rub, pressed together by a given force or by a contact. They are solved with the
 contacts of their island, as rows of the same equations (engine.kernel.contact.friction_law).
 
-The coefficient of friction falls with the speed of slip: μ = μ_d + (μ_s - μ_d)·v0/(v0 + θ), where θ follows the speed
-with a memory τ. It is known before the step, so that the step has one solution for any force and stiffness.
+How hard a point may push is known before each solve, so that the solve has one solution for any force and stiffness. A
+point alone has its coefficient chosen by the slip of the same step before it is solved; where several points act on
+each other, they are solved, their coefficients chosen by that, and so on until these stay.
 """
 
 from engine.compiler.decorators import inline
-from engine.compiler.elementary import expm1_of
-from engine.kernel.contact.friction_law import end_of_bristle, share_of_move, slides
-from engine.kernel.data.enums import EventKind, Sliding
+from engine.kernel.contact.contact_law import item_or_zero
+from engine.kernel.contact.friction_coefficient import choose_coefficient, coefficient_at, share_forgotten
+from engine.kernel.contact.friction_law import end_of_bristle, force_of_sticking, slides, slope_of_sticking
+from engine.kernel.data.enums import EventKind, Row, Sliding
 from engine.kernel.modes.ordered_sums import copy_or_back
+
+MAX_CHOICES = 20  # of the coefficients of points that act on each other, in a step
+SAME_BOUND = 1e-10  # share by which the largest force of a point may differ from that of the last choice
 
 
 @inline
@@ -29,15 +34,21 @@ def prepare_friction(contact, h, state):
 
 @inline
 def bound_friction(friction, duration, compliance, state):
-    """Do this in a scene with contacts. duration: of the step at each, s; or None; compliance: B_kk, m/N"""
+    """Do this in a scene with contacts: as if points went on slipping as fast as in the last step.
+
+    duration: of the step at each, s; or None; compliance: B_kk, m/N
+    """
     if friction is not None:
         if has_friction(friction):
             for k in range(state.compression.shape[0]):
                 if slides(state.friction, k):
                     point, pressed_by = state.friction[k], friction.pressed_by[k]
                     press = state.contact_force[pressed_by] if pressed_by >= 0 else point[Sliding.FORCE]
-                    point[Sliding.SHARE] = share_of_move(point[Sliding.BRISTLE], compliance[k])
-                    point[Sliding.COEFFICIENT] = coefficient(point, duration[k])
+                    stiffness = point[Sliding.BRISTLE]
+                    damping = stiffness * point[Sliding.DAMPING_TIME]
+                    point[Sliding.SLOPE] = slope_of_sticking(stiffness, damping, compliance[k], duration[k])
+                    point[Sliding.COEFFICIENT] = coefficient_at(point, point[Sliding.REMEMBERED_SPEED])[0]
+                    point[Sliding.IS_CHOSEN] = 0.0
                     press_point(point, press)
 
 
@@ -49,37 +60,48 @@ def press_point(point, press):
 
 
 @inline
-def is_pressed_anew(friction, forces, state):
-    """Let the contact forces that were found for this step press, in place of those of the step before, where friction
-    moves no contact. Returns True if any differs: then friction is to be found again. forces: of all contacts, N"""
+def choose_alone(friction, k, z, g, h):
+    """Choose the coefficient of the only point of an island by the slip in the coming step. friction: State.friction or
+    None; z: bend of its bristle, m; g: its slip without friction, m; h: ContactCoefficients"""
+    if friction is not None:
+        if slides(friction, k) and friction[k][Sliding.IS_CHOSEN] == 0.0:
+            force = force_of_sticking(friction[k], z, g, h.compliance[k])
+            choose_coefficient(friction[k], force, h.compliance[k], item_or_zero(h.duration, k))
+            friction[k][Sliding.IS_CHOSEN] = 1.0
+
+
+@inline
+def choose_together(friction, h, reach, choices, state):
+    """Choose the coefficients of several points by their slip in a step as it was solved, and let contacts press with
+    the forces that were found for it, where friction moves none of them. Returns True if any force may now be larger or
+    smaller: then the step is to be solved again.
+
+    friction: Friction or None; h: ContactCoefficients; choices: how often this was done in the step
+    """
     if friction is None:
         return False
-    differs = False
-    if friction.is_apart[0] != 0:
-        for k in range(state.compression.shape[0]):
-            pressed_by = friction.pressed_by[k]
-            if pressed_by >= 0:
-                point, press = state.friction[k], max(0.0, forces[pressed_by])
-                differs = differs or press != point[Sliding.PRESS]
-                press_point(point, press)
-    return differs
+    return has_friction(friction) and choose_each(friction, h, reach, choices, state)
 
 
 @inline
-def coefficient(point, duration):
-    """Return the coefficient of friction in the middle of a step."""
-    remembered = point[Sliding.REMEMBERED_SPEED]
-    remembered += (abs(point[Sliding.SLIP]) - remembered) * share_forgotten(point[Sliding.MEMORY], 0.5 * duration)
-    speed = point[Sliding.SPEED]
-    return point[Sliding.DYNAMIC] + (point[Sliding.STATIC] - point[Sliding.DYNAMIC]) * (speed / (speed + remembered))
-
-
-@inline
-def share_forgotten(memory, duration):
-    """Return how much of the way to the present speed of slip the remembered one goes in a duration, 0 to 1."""
-    if memory <= 0.0:
-        return 1.0
-    return -expm1_of(-duration / memory)
+def choose_each(friction, h, reach, choices, state):
+    """Do this in an island with friction."""
+    differs, vectors = False, state.scratch.vectors
+    for k in range(reach.size):
+        if slides(state.friction, k):
+            point, pressed_by, before = state.friction[k], friction.pressed_by[k], state.friction[k][Sliding.BOUND]
+            if pressed_by >= 0 and friction.is_apart[0] != 0:
+                press_point(point, vectors[Row.FORCE, pressed_by])
+            if point[Sliding.IS_CHOSEN] == 0.0:
+                g = vectors[Row.STEP, k] + h.compliance[k] * vectors[Row.FORCE, k]
+                force = force_of_sticking(point, reach.compression[k], g, h.compliance[k])
+                choose_coefficient(point, force, h.compliance[k], h.duration[k])
+            differs = differs or abs(point[Sliding.BOUND] - before) > SAME_BOUND * before
+    is_last = not differs or choices + 1 >= MAX_CHOICES
+    for k in range(reach.size):
+        if slides(state.friction, k) and is_last:
+            state.friction[k][Sliding.IS_CHOSEN] = 1.0
+    return differs and choices < MAX_CHOICES
 
 
 @inline
@@ -110,7 +132,7 @@ def store_friction(friction, state, k, duration, solution, residual):
     if friction is None:
         return 0.0
     point, (eta, f) = friction[k], solution
-    before, end = state.compression[k], end_of_bristle(point, state.compression[k] + eta)
+    before, end = state.compression[k], end_of_bristle(point, state.compression[k], eta, f)
     bent = eta if end == before + eta else end - before
     slip = (eta - bent) + residual  # what the bristle gave way
     state.compression[k], state.compression_compensation[k], state.contact_force[k] = end, 0.0, f

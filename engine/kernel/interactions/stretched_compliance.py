@@ -23,7 +23,7 @@ from engine.kernel.modes.ordered_sums import copy_items, fold, fold_lanes
 def softened_settings(settings, state):
     """Return the StepSettings with memory for the coefficients of contacts and connections of stretched bodies."""
     softened = softened_coefficients(settings.h, state.tension)
-    return StepSettings(softened, settings.kind, settings.is_free, settings.frame)
+    return StepSettings(softened, settings.kind, settings.is_free, settings.frame, settings.span)
 
 
 def softened_coefficients(h: Any, tension_state: Any) -> Any:

@@ -5,7 +5,7 @@ forces each tension follows. The two are found in turn; a secant takes most of t
 import math
 from typing import NamedTuple
 
-from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
+from engine.compiler.decorators import FALSE, INT64_0, INT64_1, TRUE, inline, noinline
 from engine.kernel.contact.contact_law import end_force_of, law_in_step
 from engine.kernel.contact.coupled_contact_solver import NO_CAP
 from engine.kernel.contact.friction_law import acts
@@ -57,9 +57,18 @@ from engine.kernel.interactions.tension import (
 )
 from engine.kernel.modes.ordered_sums import copy_items
 
-MAX_ROUNDS = 100  # to find tensions; two or three are usual
+MAX_ROUNDS = 400  # to find tensions; two or three are usual; then the last ones are taken
+TOGETHER = 30  # rounds in which all tensions change; after that, they change one at a time
 SECANTS = 8  # rounds after which the bracket of a tension is halved where secants do not lead to it
-SAME = 1e-15  # of a tension: two that differ by less are the same
+SAME = 1e-15  # of a tension, or of its larger parts, if these cancel: two that differ by less are the same
+LOOSE = 1e-12  # of these: a tension taken with a larger miss counts as not found
+
+
+class Turn(NamedTuple):
+    """Whose tension is to be found."""
+
+    body: int  # -1: those of all together
+    since: int  # number of the round in which its turn began
 
 
 @inline
@@ -89,7 +98,7 @@ def push_together(model, contact, settings, touches, state):
         predict_rises(tension, state)
     else:
         find_free_rises(tension, h, state)
-    evaluations, is_found = INT64_0, False
+    evaluations, turn = INT64_0, Turn(-INT64_1, INT64_0)
     for n in range(MAX_ROUNDS):
         push_by_tension(tension, h, state)
         find_softened_connection_forces(connection, model, softened.h, h, state)
@@ -101,12 +110,11 @@ def push_together(model, contact, settings, touches, state):
             return no_touch(forces.status, evaluations)
         push_by_contact_forces(contact, h.contact, forces, state)
         push_by_connections(connection, h, state)
-        is_found = are_rises_found(tension, h, n, state)
-        if is_found:
+        if are_rises_found(tension, h, n, state) or n == MAX_ROUNDS - 1:
             break
         restore_momenta(state)
-    if not is_found:
-        return no_touch(SolveStatus.FAILED, evaluations)
+        turn = try_other_rises(tension, n, turn, state)
+    count_loose_tensions(tension, state)
     push_by_tension(tension, h, state)
     measure_moves(connection, h, state)
     lost, excess = store_contact_forces(contact, model, softened, forces, touches, state)
@@ -131,7 +139,7 @@ def restore_momenta(state):
 
 @inline
 def are_rises_found(tension, h, n, state):
-    """True if the tensions that forces lead to are those with which these were found; if not, try others.
+    """True if the tensions that forces lead to are those with which these were found. Finds by how much each misses.
 
     n: number of rounds before this one
     """
@@ -139,20 +147,60 @@ def are_rises_found(tension, h, n, state):
     for b in range(tension.mode_begin.shape[0]):
         body = state.tension.body[b]
         if present_stiffness(tension, state, b) != 0.0:
-            rise = body[Stretch.RISE]
+            rise, size = body[Stretch.RISE], size_of_rise(tension, state, b, body[Stretch.RISE])
             miss = find_rise(tension, h, state, b, rise)[0] - rise
-            narrow_bracket(body, n, rise, miss)
-            if not (abs(miss) <= SAME * rise or (n > SECANTS and is_between_neighbours(body, rise, miss))):
-                is_same = False
-                body[Stretch.RISE] = next_rise(body, n, rise, miss)
-            body[Stretch.TRIED], body[Stretch.MISSED] = rise, miss
+            is_found = abs(miss) <= SAME * size or (n > SECANTS and is_between_neighbours(body, rise, miss, size))
+            body[Stretch.MISS] = 0.0 if is_found else miss
+            is_same = is_same and body[Stretch.MISS] == 0.0
     return is_same
 
 
 @inline
-def is_between_neighbours(body, rise, miss):
+def try_other_rises(tension, n, turn, state):
+    """Try other tensions: of all bodies together, and after many rounds of one at a time, which has one solution
+    whatever the others are. Returns a Turn."""
+    bodies = tension.mode_begin.shape[0]
+    if n >= TOGETHER and (turn.body < 0 or state.tension.body[turn.body][Stretch.MISS] == 0.0):
+        following = turn.body + 1
+        while state.tension.body[following % bodies][Stretch.MISS] == 0.0:
+            following += 1
+        turn = Turn(following % bodies, n)
+    for b in range(bodies):
+        body = state.tension.body[b]
+        rise, miss = body[Stretch.RISE], body[Stretch.MISS]
+        if miss != 0.0 and (turn.body < 0 or turn.body == b):
+            narrow_bracket(body, n - turn.since, rise, miss)
+            body[Stretch.RISE] = next_rise(body, n - turn.since, rise, miss)
+        body[Stretch.TRIED], body[Stretch.MISSED] = rise, miss
+    return turn
+
+
+@inline
+def is_between_neighbours(body, rise, miss, size):
     """True if the tension of the step lies between this one and that of the round before, and nothing else does."""
-    return miss * body[Stretch.MISSED] <= 0.0 and abs(rise - body[Stretch.TRIED]) <= SAME * rise
+    change = abs(rise - body[Stretch.TRIED])
+    return miss * body[Stretch.MISSED] <= 0.0 and change > 0.0 and change <= SAME * size
+
+
+@inline
+def size_of_rise(tension, state, b, rise):
+    """Return the tension of body b, or the larger ones that its ends and its modes would give, if these cancel."""
+    body = state.tension.body[b]
+    by_ends = abs(body[Stretch.ENDS_BEFORE]) + abs(body[Stretch.ENDS_AFTER])
+    return abs(rise) + 0.5 * present_stiffness(tension, state, b) * by_ends
+
+
+@inline
+def count_loose_tensions(tension, state):
+    """Count the step if a tension with which its forces were found is not the one that these lead to. The energy
+    balance holds what is left."""
+    is_loose = False
+    for b in range(tension.mode_begin.shape[0]):
+        if present_stiffness(tension, state, b) != 0.0:
+            body = state.tension.body[b]
+            size = size_of_rise(tension, state, b, body[Stretch.RISE])
+            is_loose = is_loose or not abs(body[Stretch.MISS]) <= LOOSE * size
+    state.solve_outcomes[SolveStatus.LOOSE_TENSION] += int(is_loose)
 
 
 @inline

@@ -16,14 +16,13 @@ from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline, noinline
 from engine.compiler.lanes import multiply_add, number_at, place_after, put_number, splat
-from engine.kernel.data.enums import EnergyTotal, MovingEnd, Stretch, StretchFactor
-from engine.kernel.modes.ordered_sums import accumulate, fold, fold_lanes
+from engine.kernel.data.enums import MovingEnd, Stretch, StretchFactor
+from engine.kernel.modes.ordered_sums import fold, fold_lanes
 from engine.kernel.modes.potential import add_elastic
 
 MAX_PASSES = 200  # over the modes, to find a tension; two or three are usual
 ROUNDING = 1e-16  # of the tension: what is left out is less
 NEAR = 1e-5  # change of a tension, times the largest a: its third power is rounding
-SHARE_IN_CONTACT = 1 / 16  # of the rise that the scene lets pass, from which a body stretches that gains energy
 ROOT_STEPS = 4  # of Newton's method on the polynomial of a pass
 
 
@@ -334,86 +333,3 @@ def sum_stretching_energies(tension, omega_squared, state):
             stretch, _ = stretch_and_vibration(tension, omega_squared, state, b)
             total += 0.25 * stiffness_of(tension, b) * stretch * stretch
     return total
-
-
-# --- bodies whose tension hardly rises are linear
-
-
-@inline
-def update_stretching(tension, model, state):
-    """Let each body of an island stretch if the rise of its tension may be heard, else be linear, where nothing acts
-    before the next check."""
-    if tension is not None:
-        if tension.can_stretch[0] != 0:
-            choose_stretching(tension, None, model.omega_squared, 1.0, state)
-
-
-@inline
-def update_touched(tension, model, state):
-    """Do this where contacts may act: what a body can get from those that touch it counts, too."""
-    if tension is not None:
-        if tension.can_stretch[0] != 0:
-            choose_stretching(tension, model.contact, model.omega_squared, SHARE_IN_CONTACT, state)
-
-
-@inline
-def let_stretch(tension, model, state):
-    """Let the bodies of an island stretch, as something may act on them before the next check."""
-    if tension is not None:
-        if tension.can_stretch[0] != 0:
-            for b in range(tension.mode_begin.shape[0]):
-                if stiffness_of(tension, b) != 0.0:
-                    set_stretching(tension, model.omega_squared, True, state, b)
-            state.tension.is_active[0] = 1
-
-
-@noinline
-def choose_stretching(tension, contact, omega_squared, share, state):
-    """Let each body of an island stretch, or be linear. contact: that which may act; share: of the rise that the scene
-    lets pass"""
-    is_any = False
-    for b in range(tension.mode_begin.shape[0]):
-        if stiffness_of(tension, b) != 0.0:
-            is_loud = is_heard(tension, contact, omega_squared, share, state, b)
-            set_stretching(tension, omega_squared, is_loud, state, b)
-            is_any = is_any or is_loud
-    state.tension.is_active[0] = 1 if is_any else 0
-
-
-@inline
-def is_heard(tension, contact, omega_squared, share, state, b):
-    """True if the energy that body b has, or may get, may raise its pitch by more than a share of what the scene lets
-    pass."""
-    stretch, vibration = stretch_and_vibration(tension, omega_squared, state, b)
-    energy = 0.25 * stiffness_of(tension, b) * stretch * stretch + vibration
-    if contact is not None:
-        energy += energy_in_reach(contact.rows, contact.other_rows, tension, omega_squared, state, b)
-        energy += energy_in_reach(contact.other_rows, contact.rows, tension, omega_squared, state, b)
-    unheard = share * tension.factor[b][StretchFactor.UNHEARD]
-    return unheard <= 0.0 or not stiffness_of(tension, b) * energy <= unheard
-
-
-@inline
-def energy_in_reach(rows, other_rows, tension, omega_squared, state, b):
-    """Return the energy of vibration of the bodies that contacts join with body b, J. rows: where they are on it;
-    other_rows: on the other body"""
-    energy = 0.0
-    if rows is not None:
-        if other_rows is not None:
-            for k in range(state.compression.shape[0]):
-                if rows.mode_begin[k] < tension.mode_end[b] and rows.mode_end[k] > tension.mode_begin[b]:
-                    begin, end = other_rows.mode_begin[k], other_rows.mode_end[k]
-                    energy += 0.5 * sum_stretch(tension.kappa, omega_squared, state.q, state.p, begin, end)[1]
-    return energy
-
-
-@inline
-def set_stretching(tension, omega_squared, is_active, state, b):
-    """Let body b stretch or be linear. The energy of its stretch is supplied or dissipated."""
-    body = state.tension.body[b]
-    if is_active != (body[Stretch.STRETCHES] != 0.0):
-        stretch, _ = stretch_and_vibration(tension, omega_squared, state, b)
-        energy = 0.25 * stiffness_of(tension, b) * stretch * stretch
-        accumulate(state.energy_totals, EnergyTotal.SUPPLIED if is_active else EnergyTotal.DISSIPATED, energy)
-        body[Stretch.STRETCHES] = 1.0 if is_active else 0.0
-        body[Stretch.RISE] = body[Stretch.LAST] = body[Stretch.SECOND_LAST] = body[Stretch.THIRD_LAST] = 0.0

@@ -84,3 +84,17 @@ def vibration_energy(model, state):
     """Energy of vibration, Σ ½A² of all modes but free masses, J."""
     of = potential_of(model), state.q, state.p
     return fold(add_vibration, of, state.p.shape[0], (splat(0.0),))[0]
+
+
+@inline
+def add_motion(of, m, sums):
+    """Add twice the energy of vibration of mode m, or p² of a free mass, J, to the sums."""
+    potential, q, p = of
+    return (sums[0] + vibration_squared(potential, m, number_at(q, m), number_at(p, m)),)
+
+
+@inline
+def motion_energy(model, state):
+    """Energy of vibration of all modes about their rest, and of the motion of free masses, J."""
+    of = potential_of(model), state.q, state.p
+    return 0.5 * fold(add_motion, of, state.p.shape[0], (splat(0.0),))[0]

@@ -170,17 +170,6 @@ def add_loss(of, m, sums):
     return sums[0] + lost, sums[1] + magnitude(before - damped)
 
 
-@inline
-def apply_loss_all(loss, state):
-    """Take the loss of all modes from their momenta. Returns the energy lost."""
-    if loss is None:
-        return 0.0
-    lost, change = fold(add_loss, (loss, state.p), state.p.shape[0], (splat(0.0), splat(0.0)))
-    if change != 0.0:
-        forget_drift(state)
-    return lost
-
-
 @noinline
 def flush_denormals(q, p):
     """Set momenta and displacements that have decayed into subnormal numbers to zero; these are slow to compute

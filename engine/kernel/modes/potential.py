@@ -64,6 +64,22 @@ def has_weight(weight, m):
     return weight[m] != 0.0
 
 
+@inline
+def has_spring(omega_squared, m):
+    """True if mode m has a spring."""
+    if omega_squared is None:
+        return False
+    return omega_squared[m] > 0.0
+
+
+@inline
+def rest_position(omega_squared, weight, m):
+    """Return where a mode with a spring is at rest, √kg·m."""
+    if omega_squared is None or weight is None:
+        return 0.0
+    return weight[m] / omega_squared[m]
+
+
 # --- energies
 
 

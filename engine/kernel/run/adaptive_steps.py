@@ -35,12 +35,27 @@ def first_kind_of_sample(refinement, state):
 
 
 @inline
+def doublings_left(adaptive, state):
+    """Return how often the steps of the present sample could still be doubled. adaptive: AdaptiveSteps or None"""
+    if adaptive is None:
+        return INT64_0
+    return adaptive.finest - state.refinement.level[0]
+
+
+@inline
+def may_try_again(adaptive):
+    """True if a sample may be tried with other numbers of steps. adaptive: AdaptiveSteps or None"""
+    if adaptive is None:
+        return False
+    return adaptive.finest > 0
+
+
+@inline
 def begin_tries(adaptive, state):
     """Keep the state at the start of a sample, if its number of steps is to be found. adaptive: AdaptiveSteps or
     None"""
-    if adaptive is not None:
-        if adaptive.finest > 0:
-            save_motion(state)
+    if may_try_again(adaptive):
+        save_motion(state)
 
 
 @inline

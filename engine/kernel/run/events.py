@@ -1,33 +1,26 @@
 """Events: changes by the score at the start of a step.
 
+Where events overlap, one rule decides, at the frame at which the newer begins (docs/patches.md): a glide ends where a
+newer one of the same target begins, which starts from the value reached; of two dampers the newer counts, and one that
+lasts longer goes on after it; plucks and strikes leave each other alone. Of events that begin at one frame, the newer
+is that which comes later in the score, or was told later.
+
 All energy that an event adds to the stored energy counts as supplied, all that it takes as dissipated, so the ledger
 stays closed: turning a knob cannot blow up the sound.
 """
 
-from engine.compiler.decorators import inline, noinline
-from engine.compiler.elementary import rise
+from engine.compiler.decorators import TRUE, inline, noinline
 from engine.kernel.data.enums import NO_END, UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind
-from engine.kernel.interactions.connections import (
-    connection_parameter,
-    forget_near_contacts,
-    has_connections,
-    set_connection_parameter,
-    shift_connections,
-)
-from engine.kernel.interactions.contacts import (
-    contact_parameter,
-    invalidate_margins,
-    set_contact_parameter,
-    shift_contacts,
-)
-from engine.kernel.interactions.external_forces import next_external_force
+from engine.kernel.interactions.connections import forget_near_contacts, shift_connections
+from engine.kernel.interactions.contacts import invalidate_margins, shift_contacts
+from engine.kernel.interactions.external_forces import is_pushing, next_external_force
 from engine.kernel.interactions.island_energy import island_energy
 from engine.kernel.interactions.near_contacts import keep_all_contacts
-from engine.kernel.interactions.tension import let_stretch
-from engine.kernel.modes.event_dampers import damp_modes, find_damped_loss, is_damping
+from engine.kernel.interactions.stretching_choice import let_stretch
+from engine.kernel.modes.event_dampers import find_damped_loss
 from engine.kernel.modes.mode_step import forget_drift
 from engine.kernel.modes.ordered_sums import accumulate
-from engine.kernel.run.adaptive_steps import steps_of_sample
+from engine.kernel.run.glides import advance_glide, ends_late, is_glide, lasts, stop_glide
 
 
 @inline
@@ -39,26 +32,18 @@ def next_due(force, events, state, frame):
 
 @inline
 def next_event(events, state, frame):
-    """Return the frame at which the next event begins; this frame if an event other than damping goes on after it."""
+    """Return the frame at which the next event begins, or a glide ends; this frame if an event other than damping goes
+    on after it."""
     if events is None:
         return UNUSED_SLOT
     following = state.event_cursor[EventCursor.NEXT]
+    due = events.start[following] if following < events.kind.shape[0] else UNUSED_SLOT
     for j in range(state.event_cursor[EventCursor.FIRST_ACTIVE], following):
         if events.kind[j] != EventKind.DAMP and frame + 1 < events.end[j]:
             return frame
-    return events.start[following] if following < events.kind.shape[0] else UNUSED_SLOT
-
-
-@inline
-def glide_value(events, state, j, frame, now):
-    """Return the value that event j gives its target at the end of this step. now: its value at the start of the
-    event"""
-    if frame == events.start[j]:
-        state.glide_start[j] = now
-    if frame + 1 >= events.end[j]:
-        return events.value[j]
-    share = (frame + 1 - events.start[j]) / (events.end[j] - events.start[j])
-    return state.glide_start[j] + (events.value[j] - state.glide_start[j]) * rise(share)
+        if is_glide(events.kind[j]) and frame + 1 == events.end[j]:
+            due = min(due, frame + 1)
+    return due
 
 
 @noinline
@@ -72,12 +57,14 @@ def set_motion(model, state, m, q, p):
 
 
 @noinline
-def lift_dampers(events, cursor, j, first, last, frame):
-    """Let event j lift the dampers of modes first:last."""
+def lift_dampers(events, cursor, j, modes, frame, is_for_good):
+    """Let event j lift the dampers of some modes. modes: the first, and the one after the last; is_for_good: also those
+    dampers that are to come down for good later"""
+    first, last = modes
     i = cursor[EventCursor.FIRST_ACTIVE]
     while i < events.kind.shape[0] and events.start[i] != UNUSED_SLOT:
         same = events.kind[i] == EventKind.DAMP and events.target_begin[i] < last and first < events.target_end[i]
-        if same and (i < j or events.end[i] >= NO_END):
+        if same and (i < j or (is_for_good and events.end[i] >= NO_END)):
             events.end[i] = min(events.end[i], frame)
         i += 1
 
@@ -97,9 +84,9 @@ def lift_dampers_of_joined(events, rows, other, cursor, j, frame):
         m = events.target_begin[j]
         for k in range(rows.mode_begin.shape[0]):
             if rows.mode_begin[k] <= m and m < rows.mode_end[k]:
-                lift_dampers(events, cursor, j, other.mode_begin[k], other.mode_end[k], frame)
+                lift_dampers(events, cursor, j, (other.mode_begin[k], other.mode_end[k]), frame, TRUE)
             elif other.mode_begin[k] <= m and m < other.mode_end[k]:
-                lift_dampers(events, cursor, j, rows.mode_begin[k], rows.mode_end[k], frame)
+                lift_dampers(events, cursor, j, (rows.mode_begin[k], rows.mode_end[k]), frame, TRUE)
 
 
 @noinline
@@ -111,22 +98,46 @@ def execute_event(model, state, j, frame):
         if events.kind[j] == EventKind.LAUNCH_AND_LIFT:
             lift_dampers_of_struck(events, model.contact, state.event_cursor, j, frame)
     elif events.kind[j] == EventKind.LIFT:
-        lift_dampers(events, state.event_cursor, j, events.target_begin[j], events.target_end[j], frame)
+        modes = events.target_begin[j], events.target_end[j]
+        lift_dampers(events, state.event_cursor, j, modes, frame, events.value[j] != 0.0)
     else:
-        set_parameter(model, state, j, frame)
+        advance_glide(model, state, j, frame)
 
 
 @inline
-def set_parameter(model, state, j, frame):
-    """Set the parameter of contacts or connections that event j changes, or advance its glide."""
-    events, kind = model.events, model.events.kind[j]
-    span = events.target_begin[j], events.target_end[j]
-    if kind >= EventKind.CONNECTION_STIFFNESS and kind <= EventKind.CONNECTION_REST:
-        now = connection_parameter(model.connection, kind, span[0], state)
-        set_connection_parameter(model.connection, kind, span, glide_value(events, state, j, frame, now), state)
-    else:
-        now = contact_parameter(model.contact, kind, span[0], state)
-        set_contact_parameter(model.contact, kind, span, glide_value(events, state, j, frame, now), state)
+def acts_in_steps(kind):
+    """True if events of a kind act while they last, within steps: dampers, and what pushes. All others act at the start
+    of a step."""
+    return kind == EventKind.DAMP or is_pushing(kind)
+
+
+@inline
+def end_former(events, state, first, j, frame):
+    """End what event j, which begins, takes the place of: of events `first` to j, those of its kind and target; but not
+    damping that lasts longer."""
+    kind = events.kind[j]
+    if is_pushing(kind):
+        return
+    for i in range(first, j):
+        if events.kind[i] == kind and events.target_begin[i] == events.target_begin[j]:
+            is_same = events.target_end[i] == events.target_end[j]
+            if is_same and (kind != EventKind.DAMP or events.end[i] <= events.end[j]):
+                if is_glide(kind):
+                    stop_glide(events, state, i, frame)
+                events.end[i] = min(events.end[i], frame)
+
+
+@inline
+def begin_due_events(events, state, frame):
+    """Let all events begin that are due at the start of this step. Returns True if any does."""
+    cursor = state.event_cursor
+    following = first = cursor[EventCursor.NEXT]
+    while following < events.kind.shape[0] and events.start[following] <= frame:
+        end_former(events, state, cursor[EventCursor.FIRST_ACTIVE], following, frame)
+        following += 1
+        cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
+    cursor[EventCursor.NEXT] = following
+    return following > first
 
 
 @noinline
@@ -134,33 +145,38 @@ def run_due_events(model, state, frame):
     """Execute all events that are due at the start of this step, and count the energy that they add or take; dampers
     act at its end."""
     events, cursor = model.events, state.event_cursor
-    following = cursor[EventCursor.NEXT]
-    while following < events.kind.shape[0] and events.start[following] <= frame:
-        following += 1
-        cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
-    cursor[EventCursor.NEXT] = following
-    if acts_on_more_than_loss(events, cursor, frame):
+    is_new = begin_due_events(events, state, frame)
+    if is_any_executed(model, state, frame):
         keep_all_contacts(model.contact, model.connection, state)
         before = island_energy(model, state)
-        for j in range(cursor[EventCursor.FIRST_ACTIVE], following):
-            if frame < events.end[j] and events.kind[j] != EventKind.DAMP:
+        for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
+            if is_executed(model, state, j, frame):
                 execute_event(model, state, j, frame)
         accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
-        let_stretch(model.tension, model, state)  # a contact may close within this step
         state.contact_free_until[0] = 0
         invalidate_margins(state.refinement)
         forget_drift(state)
     forget_finished(events, state, frame)
+    if is_new or cursor[EventCursor.GLIDING] > 0:
+        let_stretch(model.tension, model, state)  # a contact may close within this step, or a force push
     if cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN:
         find_damped_loss(events, model.step.loss, model.refinement, state)
         forget_near_contacts(state.connection)
 
 
 @inline
-def acts_on_more_than_loss(events, cursor, frame):
-    """True if an event that has begun acts at this step and is not damping."""
-    for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
-        if frame < events.end[j] and events.kind[j] != EventKind.DAMP:
+def is_executed(model, state, j, frame):
+    """True if event j, which has begun, acts at the start of this step."""
+    events = model.events
+    acts = frame < events.end[j] and not acts_in_steps(events.kind[j])
+    return acts or ends_late(model, state, j, frame)
+
+
+@inline
+def is_any_executed(model, state, frame):
+    """True if an event that has begun acts at the start of this step."""
+    for j in range(state.event_cursor[EventCursor.FIRST_ACTIVE], state.event_cursor[EventCursor.NEXT]):
+        if is_executed(model, state, j, frame):
             return True
     return False
 
@@ -169,14 +185,17 @@ def acts_on_more_than_loss(events, cursor, frame):
 def forget_finished(events, state, frame):
     """Move events that go on to the end of those that have begun, so that no step looks at those that are over: a
     damper may stay down while thousands of other events come and go."""
-    cursor = state.event_cursor
+    cursor, pushing, gliding = state.event_cursor, 0, 0
     first, running = cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]
     for j in range(running - 1, first - 1, -1):
         if events.end[j] > frame:
             running -= 1
+            pushing += is_pushing(events.kind[j])
+            gliding += lasts(events, j)
             if running != j:
                 move_event(events, j, running)
                 state.glide_start[running] = state.glide_start[j]
+    cursor[EventCursor.PUSHING], cursor[EventCursor.GLIDING] = pushing, gliding
     if cursor[EventCursor.FIRST_ACTIVE] != running:
         cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.DAMPED] = running, DampedModes.UNKNOWN
 
@@ -188,38 +207,7 @@ def move_event(events, source, target):
     events.end[target] = events.end[source]
     events.target_begin[target], events.target_end[target] = events.target_begin[source], events.target_end[source]
     events.value[target], events.value2[target] = events.value[source], events.value2[source]
-
-
-@inline
-def damps_in_halves(connection, refinement, state):
-    """True if dampers act after the first stage of a sample and after its last, for half a sample each.
-
-    In each stage a rigid joint reverses the velocity at which loss lets its sides part. Between two losses there must
-    be an odd number of stages, or that velocity grows with each sample.
-    """
-    return (
-        has_connections(connection, state)
-        and (refinement.sequence.shape[0] * steps_of_sample(refinement, state)) % 2 == 0
-    )
-
-
-@inline
-def finish_first_stage(model, refinement, state):
-    """Let the dampers of events act after the first stage of a sample, if they act in halves."""
-    if is_damping(model.events, state):
-        if damps_in_halves(model.connection, refinement, state):
-            damp_modes(state)
-
-
-@inline
-def finish_score(model, events, refinement, state):
-    """Let the dampers of events act at the end of a sample in stages: the half of it that belongs to the next sample
-    would come at the same place."""
-    if refinement is not None:
-        if is_damping(events, state):
-            if not damps_in_halves(model.connection, refinement, state):
-                damp_modes(state)
-            damp_modes(state)
+    events.value3[target] = events.value3[source]
 
 
 @inline
@@ -229,14 +217,15 @@ def run_score(model, events, state, frame):
         cursor = state.event_cursor
         following, is_unknown = cursor[EventCursor.NEXT], cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN
         is_due = following < events.kind.shape[0] and events.start[following] <= frame
-        if is_due or is_unknown or has_more_than_damping(events, cursor, frame):
+        if is_due or is_unknown or has_starts_or_ends(events, cursor, frame):
             run_due_events(model, state, frame)
 
 
 @inline
-def has_more_than_damping(events, cursor, frame):
-    """True if an event that has begun is over, or is not damping: damping that goes on needs no call."""
+def has_starts_or_ends(events, cursor, frame):
+    """True if an event that has begun is over, or acts at the start of this step: what acts within steps needs no
+    call."""
     for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
-        if events.kind[j] != EventKind.DAMP or events.end[j] <= frame:
+        if events.end[j] <= frame or not acts_in_steps(events.kind[j]):
             return True
     return False

@@ -6,6 +6,7 @@ from engine.kernel.data.enums import FLIGHT_FRAMES, LANES, Quantity, SleepMonito
 from engine.kernel.interactions.one_way_drive import put_sample
 from engine.kernel.interactions.tension import stretches
 from engine.kernel.modes.point_rows import project
+from engine.kernel.run.fade import fade_gain, is_fading
 
 
 @inline
@@ -51,6 +52,8 @@ def add_pickups(model, state, row, frame):
     for n in range(pickups.quantity.shape[0]):
         value = pickups.gain[n] * pickup_value(model, state, n)
         track_peak(state, value)
+        if is_fading(state.sleep):
+            value *= fade_gain(state.sleep, model.samplerate, frame)
         put_sample(model.drive, state.drive, row, pickups.channel[n], frame, value)
 
 
@@ -67,10 +70,13 @@ def add_flown_pickups(model, state, audio, i, span, frame):
             values = state.flight.pickup_values[n]
             if quantity == Quantity.ACCELERATION:
                 velocities_to_accelerations(values, first, last, model.samplerate, state.previous_velocity, n)
-            for k in range(first, last):
-                row, value = audio[i + (k - first)], values[k] * gain
-                put_sample(model.drive, state.drive, row, channel, frame + (k - first), value)
             track_peak(state, gain * largest_size(values, first, last))
+            if is_fading(state.sleep):
+                for k in range(first, last):
+                    values[k] *= fade_gain(state.sleep, model.samplerate, frame + (k - first))
+            for k in range(first, last):
+                row = audio[i + (k - first)]
+                put_sample(model.drive, state.drive, row, channel, frame + (k - first), values[k] * gain)
 
 
 @inline

@@ -18,12 +18,20 @@ from engine.kernel.data.model import StepSettings
 from engine.kernel.interactions.connections import count_connections, damp_connections, has_connections
 from engine.kernel.interactions.contact_loss import is_loss_small, lose_at_contacts
 from engine.kernel.interactions.contacts import bound_at_contact, find_free_displacements, open_compression
-from engine.kernel.interactions.external_forces import next_external_force
+from engine.kernel.interactions.external_forces import events_push, next_external_force
 from engine.kernel.interactions.tension import stretches
+from engine.kernel.modes.event_dampers import damp_stage, is_damping
 from engine.kernel.modes.mode_step import find_drift_momenta
-from engine.kernel.run.adaptive_steps import begin_tries, first_kind_of_sample, is_accurate, steps_of_sample
-from engine.kernel.run.events import finish_first_stage
-from engine.kernel.run.step import StepOutcome, step
+from engine.kernel.run.adaptive_steps import (
+    begin_tries,
+    doublings_left,
+    first_kind_of_sample,
+    is_accurate,
+    may_try_again,
+    steps_of_sample,
+)
+from engine.kernel.run.glides import glide_to, glides_now
+from engine.kernel.run.step import SAMPLE, StepOutcome, step
 
 # --- the coefficients of one stage
 
@@ -128,11 +136,11 @@ def closes_in_sample(model, refinement, state):
 
 
 @inline
-def is_forced(force, frame):
+def is_forced(force, events, frame, state):
     """True if an external force acts in this step."""
     if force is None:
         return False
-    return next_external_force(force, frame - 1) <= frame
+    return events_push(events, state) or next_external_force(force, frame - 1) <= frame
 
 
 @inline
@@ -141,11 +149,12 @@ def refined_step(model, contact, refinement, state, frame, in_contact):
 
     in_contact: True if the sample before ended in contact
     """
-    is_alone = not is_forced(model.force, frame) and not has_connections(model.connection, state)
+    is_alone = not is_forced(model.force, model.events, frame, state) and not has_connections(model.connection, state)
     is_alone = is_alone and not stretches(model.tension, state)
+    is_alone = is_alone and not glides_now(model.events, state) and not is_damping(model.events, state)
     if is_alone and not in_contact and not refinement.refine_free_flight:
         if contact is None or not closes_in_sample(model, refinement, state):
-            return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame), state)
+            return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame, SAMPLE), state)
     return accurate_step(model, refinement, state, frame)
 
 
@@ -168,19 +177,24 @@ def composed_step(model, refinement, state, frame):
     for k in range(contacts):
         mean_force[k] = 0.0
         impulse[k] = 0.0
-    in_contact, evaluations, lost, work = FALSE, INT64_0, 0.0, 0.0
+    in_contact, evaluations, lost, work, end = FALSE, INT64_0, 0.0, 0.0, 0.0
     steps, first_kind = steps_of_sample(refinement, state), first_kind_of_sample(refinement, state)
+    doublings, glides = doublings_left(refinement.adaptive, state), glides_now(model.events, state)
     share = refinement.steps / steps  # of the length that the durations are for
     is_apart = is_loss_small(refinement.contact_loss, model.contact, share, model.samplerate, state)
     stages = refinement.sequence.shape[0] if is_apart else refinement.sequence_in_solve.shape[0]
     for n in range(steps * stages):
         i = n % stages
         s = first_kind + (refinement.sequence[i] if is_apart else refinement.sequence_in_solve[i])
+        begin, end = end, end + refinement.length[s]
+        if glides and steps * stages > 1:
+            glide_to(model.events, model, state, frame + 0.5 * (begin + end))
         connections = count_connections(model.connection, state)
         h = coefficients_of_stage(refinement.stages, s, modes, contacts, connections)
+        damp_stage(model, refinement, (i, stages, doublings, TRUE), state)
         if is_apart:
             lost += lose_between(model, refinement, refinement.loss_before, (i, share, TRUE, n == 0), state)
-        outcome = step(model, StepSettings(h, StepKind.FIRST_STAGE + s, FALSE, frame), state)
+        outcome = step(model, StepSettings(h, StepKind.FIRST_STAGE + s, FALSE, frame, (begin, end)), state)
         if outcome.in_contact:
             in_contact = True
             for k in range(contacts):
@@ -190,11 +204,12 @@ def composed_step(model, refinement, state, frame):
                 state.contact_force[k] = 0.0
         if is_apart:
             lost += lose_between(model, refinement, refinement.loss_after, (i, share, FALSE, FALSE), state)
-        if n == 0:
-            finish_first_stage(model, refinement, state)
+        damp_stage(model, refinement, (i, stages, doublings, FALSE), state)
         evaluations += outcome.evaluations
         lost += outcome.dissipated
         work += outcome.supplied
+    if glides and may_try_again(refinement.adaptive):
+        glide_to(model.events, model, state, frame + 0.5)  # where a next try begins
     for k in range(contacts):
         state.contact_force[k] = mean_force[k] + impulse[k] * model.samplerate
     return StepOutcome(in_contact, evaluations, lost, work)

@@ -27,13 +27,15 @@ from engine.kernel.interactions.contacts import (
 from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.near_contacts import cannot_close
 from engine.kernel.interactions.one_way_drive import clear_drive
-from engine.kernel.interactions.tension import let_stretch, stretches, update_stretching, update_touched
-from engine.kernel.modes.event_dampers import is_event_active, step_with_dampers
+from engine.kernel.interactions.stretching_choice import let_stretch, update_stretching, update_touched
+from engine.kernel.interactions.tension import stretches
+from engine.kernel.modes.event_dampers import is_damping, is_event_active, step_with_dampers
 from engine.kernel.modes.free_flight import begin_flight, end_flight
 from engine.kernel.modes.mode_energies import bound_modal_displacements, vibration_energy
 from engine.kernel.modes.mode_step import flush_denormals, forget_drift
 from engine.kernel.modes.ordered_sums import accumulate
-from engine.kernel.run.events import finish_score, next_due, run_score
+from engine.kernel.run.events import next_due, run_score
+from engine.kernel.run.fade import end_fade
 from engine.kernel.run.pickups import add_flown_pickups, add_pickups
 from engine.kernel.run.refinement import refined_step
 from engine.kernel.run.sleep import (
@@ -44,7 +46,7 @@ from engine.kernel.run.sleep import (
     skip_chunk,
     try_sleep,
 )
-from engine.kernel.run.step import StepOutcome, step
+from engine.kernel.run.step import SAMPLE, StepOutcome, step
 from engine.kernel.run.trace_rows import (
     Block,
     keep_evaluations,
@@ -78,15 +80,15 @@ def advance(model, state, frame, is_free, in_contact):
 def advance_plain(refinement, model, state, frame, is_free, in_contact):
     """Advance a sample in one step. Returns a StepOutcome."""
     h = step_with_dampers(model.step, model.step.loss, model.events, state)
-    return step(model, StepSettings(h, StepKind.SAMPLE, is_free, frame), state)
+    return step(model, StepSettings(h, StepKind.SAMPLE, is_free, frame, SAMPLE), state)
 
 
 @inline
 def advance_refined(refinement, model, state, frame, is_free, in_contact):
     """Advance a sample, in stages where forces may act. Returns a StepOutcome."""
     is_plain = not has_connections(model.connection, state) and not stretches(model.tension, state)
-    if is_free and is_plain:
-        return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame), state)
+    if is_free and is_plain and not is_damping(model.events, state):
+        return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame, SAMPLE), state)
     return refined_step(model, model.contact, refinement, state, frame, in_contact)
 
 
@@ -163,19 +165,23 @@ def update_before_sample(model, state, frame):
     is_check = frame % CHECK_PERIOD == 1
     if is_check:
         reset_line_search_budget(state.scratch, state)
-    if frame >= state.sleep[Sleep.WAKE_FRAME] and state.in_contact[0] == 0 and frame > 0:
-        if is_check or frame == state.contact_free_until[0]:
+    wakes_at = state.sleep[Sleep.WAKE_FRAME]
+    if frame >= wakes_at and state.in_contact[0] == 0 and frame > 0:
+        is_planned = frame == state.contact_free_until[0]
+        if is_check or is_planned:
             end_flight(model, state, frame)
             reset_open_contacts(model.contact, state)
             if is_check:
+                end_fade(model, state, frame)
                 plan_free_flight(model, state, frame - 1)
-            if frame >= state.contact_free_until[0]:
-                if is_check:
-                    update_touched(model.tension, model, state)
-                elif next_due(model.force, model.events, state, frame - 1) <= frame:
-                    let_stretch(model.tension, model, state)
+                if frame >= state.contact_free_until[0]:
+                    update_touched(model.tension, model, state, frame)
+        if not is_check and (is_planned or frame == wakes_at):
+            if next_due(model.force, model.events, state, frame - 1) <= frame:
+                let_stretch(model.tension, model, state)
     elif is_check and state.in_contact[0] != 0:
-        update_touched(model.tension, model, state)
+        end_fade(model, state, frame)
+        update_touched(model.tension, model, state, frame)
 
 
 @inline
@@ -192,9 +198,6 @@ def finish_sleep(model, state, frame, slept):
     if free_mass_moves(model, model.free_masses, state):
         advance_free_masses(model.step, model.free_masses, state, slept)
     elif state.sleep[Sleep.WAKE_FRAME] == last + 1:
-        if state.sleep[Sleep.FORCED] != 0:  # what it was put to sleep until is due
-            state.sleep[Sleep.FORCED] = 0
-            return
         extend_sleep(model.force, model.events, state, last + 1, LONG_SLEEP_FRAMES)
 
 
@@ -290,7 +293,6 @@ def render_steps(model, state, block, i, count):
         outcome = advance(model, state, frame + n, is_free, was_in_contact)
         if wants_energies(output):
             count_energy(outcome, state)
-        finish_score(model, model.events, model.refinement, state)
         keep_evaluations(state, outcome)
         if outcome.in_contact:
             state.contact_samples[0] += 1

@@ -50,10 +50,8 @@ def try_sleep(model, state, until, energy):
 
 @inline
 def free_mass_moves(model, free_masses, state):
-    """True if a free mass moves, or is about to; in an island that was put to sleep, free masses wait."""
+    """True if a free mass moves, or is about to."""
     if free_masses is None:
-        return False
-    if state.sleep[Sleep.FORCED] != 0:
         return False
     for j in range(free_masses.mode.shape[0]):
         m = free_masses.mode[j]

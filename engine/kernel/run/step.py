@@ -22,6 +22,8 @@ from engine.kernel.interactions.tension import stretches
 from engine.kernel.modes.mode_step import find_drift_momenta, forget_drift, reverse_momenta
 from engine.kernel.modes.moving_modes import PushedPoint, move_modes
 
+SAMPLE = 0.0, 1.0  # span of a step that is a whole sample
+
 
 class StepOutcome(NamedTuple):
     """Outcome of a step of an island."""
@@ -37,7 +39,7 @@ def step(model, settings, state):
     """Do a step. Returns a StepOutcome."""
     h, work, lost = settings.h, 0.0, 0.0
     find_drift_momenta(h, settings.kind, state)
-    is_forced = not settings.is_free and push_by_external_forces(model.force, h.force, settings.frame, state)
+    is_forced = not settings.is_free and push_by_external_forces(model.force, model, settings, state)
     if not settings.is_free:
         prepare_friction(model.contact, h.contact, state)
     touch = push_by_interactions(model.tension, model, settings, is_forced, state)
@@ -47,7 +49,7 @@ def step(model, settings, state):
         if is_forced:
             if not touch.is_measured:
                 push_by_connections(model.connection, h, state)
-            work = finish_external_forces(model.force, h.force, settings.frame, state)
+            work = finish_external_forces(model.force, h.force, state)
         work += work_of_surfaces(model.contact, h.contact, state)
         lost = move(model.connection, h, touch, is_forced, state)
         lost += finish_connections(model.connection, h, state) + finish_contacts(touch, state)
@@ -116,3 +118,4 @@ def reverse_motion(state):
         state.contact_force[k] = 0.0
     reverse_momenta(state.p)
     forget_drift(state)
+    state.solve_outcomes[SolveStatus.REVERSED] += 1

@@ -1,14 +1,16 @@
 """Sums and products in twice the precision of a float64: a pair holds a rounded value and its rounding error."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+Number = TypeVar("Number", float, np.ndarray)
 
-def two_product(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+
+def two_product(a: Number, b: Number) -> tuple[Number, Number]:
     """Return products and their rounding errors (Dekker): a·b = product + error exactly."""
 
-    def halves(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def halves(x: Number) -> tuple[Number, Number]:
         big = 134217729.0 * x
         high = big - (big - x)
         return high, x - high

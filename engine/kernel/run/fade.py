@@ -1,0 +1,75 @@
+"""Fades: an island that reduced quality drops fades out, and its vibration is gone; if something begins on it
+meanwhile, it rises again."""
+
+from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.kernel.data.enums import EnergyTotal, Quantity, Sleep, SleepMonitor
+from engine.kernel.interactions.connections import reset_connections
+from engine.kernel.interactions.contacts import invalidate_margins, reset_compressions
+from engine.kernel.interactions.island_energy import island_energy
+from engine.kernel.interactions.near_contacts import keep_all_contacts
+from engine.kernel.modes.mode_step import forget_drift
+from engine.kernel.modes.ordered_sums import accumulate
+from engine.kernel.modes.point_rows import project
+from engine.kernel.modes.potential import has_spring, rest_position
+
+FADE_SECONDS = 0.02
+
+
+@inline
+def fade_frames(samplerate):
+    """Return how long a fade takes, frames."""
+    return int(FADE_SECONDS * samplerate)
+
+
+@inline
+def is_fading(sleep):
+    """True if an island fades out, or rises again. sleep: its State.sleep"""
+    return sleep[Sleep.FADE_END] != 0
+
+
+@inline
+def fade_gain(sleep, samplerate, frame):
+    """Return the gain of an island that fades, at a frame."""
+    left = (abs(sleep[Sleep.FADE_END]) - frame) / fade_frames(samplerate)
+    gain = left if sleep[Sleep.FADE_END] > 0 else 1.0 - left
+    return max(0.0, min(1.0, gain))
+
+
+@inline
+def turn_fade(sleep, samplerate, frame):
+    """Let an island that fades out rise again from this frame on, as something begins on it."""
+    end = sleep[Sleep.FADE_END]
+    if end > 0:
+        sleep[Sleep.FADE_END] = -(2 * frame - end + fade_frames(samplerate)) if frame < end else INT64_0
+
+
+@inline
+def end_fade(model, state, frame):
+    """End a fade that is over at this frame, which is one of a check: what has faded out is gone, and the island may
+    fall asleep at once."""
+    end = state.sleep[Sleep.FADE_END]
+    if end != 0 and frame >= abs(end):
+        state.sleep[Sleep.FADE_END] = 0
+        if end > 0:
+            drop_vibration(model, model.pickups, state)
+            state.sleep[Sleep.WAKE_FRAME], state.sleep_monitor[SleepMonitor.PEAK] = frame, 0.0
+
+
+@noinline
+def drop_vibration(model, pickups, state):
+    """Let all modes with a spring be at rest; free masses go on. The energy that this takes counts as supplied, with a
+    negative sign."""
+    keep_all_contacts(model.contact, model.connection, state)
+    before = island_energy(model, state)
+    for m in range(state.q.shape[0]):
+        if has_spring(model.omega_squared, m):
+            state.q[m] = rest_position(model.omega_squared, model.weight, m)
+            state.p[m] = state.kick_compensation[m] = 0.0
+    reset_compressions(model.contact, state)
+    reset_connections(model.connection, state)
+    for n in range(pickups.quantity.shape[0]):
+        if pickups.quantity[n] == Quantity.ACCELERATION:
+            state.previous_velocity[n] = project(pickups.rows, n, state.p)
+    forget_drift(state)
+    invalidate_margins(state.refinement)
+    accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)

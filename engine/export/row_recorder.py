@@ -38,8 +38,6 @@ TIMES = 1e3  # a slider of a stiffness goes so many times beyond the value of th
 LEAST_GAP = 1e-3  # m, that a slider of a gap goes either way
 # numbers that may be 0 or less, whose sliders are linear, and how far these go at least
 LEAST_REACH = dict.fromkeys(("barrier", "gap", "rest"), LEAST_GAP) | {"velocity": 0.5, "force": 1.0}
-UNITS = {"barrier": "m", "gap": "m", "rest": "m", "stiffness": "N/m^α", "damping_coefficient": "kg/s"}
-UNITS |= {"velocity": "m/s", "force": "N", "speed": "m/s", "memory": "s", "bristle": "N/m"}
 MAX_SLIDERS = 24  # an instrument of many keys has hundreds of such numbers: then none is shown
 SLIDER_SECONDS = 0.02  # that its parameter takes to glide
 
@@ -261,7 +259,7 @@ def sliders_of_player(player: RowRecorder, chosen: Container[str] = ()) -> list[
         limits = live_range(scene, *path[:3])
         ends = max(low, limits.low), min(high, limits.high)
         rows = [_rows_at(player, parameter, one) for one in (value, value + _step(value, is_linear))]
-        sliders.append(_slider(parameter, UNITS.get(key, ""), value, ends, is_linear, *rows))
+        sliders.append(_slider(parameter, limits.unit, value, ends, is_linear, *rows))
     return sliders
 
 

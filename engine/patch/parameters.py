@@ -6,19 +6,11 @@ from typing import Any
 
 from engine.bodies.table import is_number
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
-from engine.patch.live_parameters import live_parameters, live_paths
+from engine.patch.live_parameters import live_paths, value_at
 from engine.patch.live_ranges import live_range
 from engine.patch.number_format import split_unit
 from engine.patch.reference_page import SECTIONS, format_range, top_level
 from engine.patch.scene_tables import SceneTables
-
-LIVE_DEFAULTS = {
-    "gap": 0.0,
-    "damping_coefficient": 0.0,
-    "rest": 0.0,
-    "stiffness": 0.0,
-    "gain": 1.0,
-}  # where they are not given
 
 
 @dataclass(frozen=True)
@@ -47,7 +39,10 @@ def list_parameters(scene: SceneTables) -> list[Parameter]:
     A path names a table by its name, or by its number from 0 where it has none.
     """
     schema, data = patch_schema(), scene.model_dump(exclude_unset=True)
-    live, paths = set(live_parameters(scene)), live_paths(scene)
+    paths, defaults = live_paths(scene), dict[tuple[str, int], dict[str, float]]()
+    for path in paths.values():  # what can be changed is listed where the patch leaves its default, too
+        if path.is_glided or path.is_level:
+            defaults.setdefault(path[:2], {})[str(path.keys[0])] = value_at(scene, path)
     parameters = list(_table_parameters("", data, top_level(schema), schema))
     for section in SECTIONS:
         node, value = schema["properties"][section], data.get(section)
@@ -57,15 +52,18 @@ def list_parameters(scene: SceneTables) -> list[Parameter]:
             tables = variants(node, schema)
             for i, table in enumerate(value):
                 name = table.get("name") or i
-                for key, default in LIVE_DEFAULTS.items():
-                    if f"{section}.{name}.{key}" in live:
-                        table = {key: default} | table
+                taken = {"barrier"} if table.keys() & {"frets", "bridge"} else set()  # they give the heights
+                table |= {
+                    key: default
+                    for key, default in defaults.get((section, i), {}).items()
+                    if key not in taken and table.get(key) is None
+                }
                 parameters += _table_parameters(
                     f"{section}.{name}.", table, tables[table.get("kind") or next(iter(tables))], schema
                 )
     return [
         replace(p, live=True, range=str(live_range(scene, *paths[p.path][:3])._replace(unit="")))
-        if p.path in live
+        if p.path in paths
         else p
         for p in parameters
     ]

@@ -255,6 +255,16 @@ def test_a_page_has_sliders_for_the_speed_and_the_force_of_a_bow():
     assert static.high == 10.0
 
 
+@pytest.mark.parametrize("name", ["bowed_violin", "bolt_on_a_string", "tanpura", "marble_on_a_bell"])
+def test_a_slider_has_the_unit_that_params_and_data_sets_say(name):
+    """N/m of a spring, N/m^exponent of a contact, kg/s, m, m/s."""
+    scene = engine.load(name)
+    units = {parameter.path: parameter.unit for parameter in scene.parameters()}
+    sliders = sliders_of_player(player_of_scene(scene, 44_100, "general"))
+    assert sliders
+    assert {slider.path: slider.unit for slider in sliders} == {slider.path: units[slider.path] for slider in sliders}
+
+
 def test_a_key_of_a_page_moves_its_bow_the_faster_the_harder_it_is_pressed():
     keys = keys_of_player(player_of_keys(engine.load("violin"), 44_100, "general"))
     key = next(key for key in keys if key.name == "D4")

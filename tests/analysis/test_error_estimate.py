@@ -90,6 +90,7 @@ def test_the_estimate_is_near_the_error_of_the_certified_problems():
     assert np.mean(within) >= 0.9, ratios
 
 
+@pytest.mark.hard
 def test_the_finest_setting_has_no_estimate_and_not_one_of_zero():
     told = random_collision(0)
     for substeps, finer in ((4096, 8192), (8192, 8192)):
@@ -197,6 +198,7 @@ def share_of_forced_scenes(seeds: range) -> tuple[float, float]:
     return float(np.mean((ratios < MOST) & (ratios > 1 / MOST))), float(np.mean(ratios <= 1 / MOST))
 
 
+@pytest.mark.hard
 def test_the_estimate_is_near_the_error_of_scenes_that_are_driven_and_changed():
     within, under = share_of_forced_scenes(range(4))
     assert within >= 0.95 and under <= 0.02
@@ -227,6 +229,7 @@ def error_of_driven_mode(rendering: engine.Rendering, own: float, frequency: flo
     return float(np.abs(rendering.audio[-4410:, 0] - expected[-4410:]).max() / abs(response))
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize(("own", "frequency"), [(4000.0, 2000.0), (10_000.0, 5000.0), (5000.0, 10_000.0)])
 def test_the_estimate_of_a_driven_mode_is_its_distance_from_the_closed_form(own, frequency):
     told = driven_mode(own, frequency)
@@ -253,7 +256,7 @@ def changed_string(**event: object) -> engine.Scene:
     return engine.load({"seconds": 0.1, "body": [string | {"displacement": shape}], "event": [event], "pickup": pickup})
 
 
-@pytest.mark.hard_for("{'max_error': 0.0001}", "{'order': 4}")
+@pytest.mark.hard
 @pytest.mark.parametrize("settings", [{}, {"order": 4}, {"max_error": 1e-4}], ids=str)
 def test_the_estimate_sees_that_a_pitch_glides_in_steps(settings):
     change = {"kind": "change", "time": 0.01, "parameter": "body.body.tension", "duration": 0.02}
@@ -276,6 +279,7 @@ def test_what_the_rounding_of_an_event_to_a_sample_changes_stands_beside_the_est
     assert engine.estimate_error(on_a_sample, engine.render(on_a_sample)).rounding == 0.0
 
 
+@pytest.mark.hard
 def test_noise_is_the_same_at_the_finer_rate_and_its_error_is_seen():
     force = {"kind": "noise", "body": "body", "at": 0.2, "amplitude": 1.0, "duration": 1.0}
     string = {"name": "body", "kind": "string", "length": 0.65, "linear_density": 1e-3, "tension": 80.0, "modes": 30}
@@ -336,6 +340,7 @@ def test_the_command_never_says_that_the_error_is_nothing(tmp_path, monkeypatch,
 SLOW_TO_BUILD = "scraped_stick", "sympathetic_strings", "guitar", "toms"
 
 
+@pytest.mark.hard_for("guitar_body", "kalimba_keys", "snare")
 @pytest.mark.parametrize("name", mostly_hard(shipped_names(), *(set(shipped_names()) - set(SLOW_TO_BUILD))))
 def test_bodies_have_the_same_modes_at_a_finer_rate(name):
     """Each at its frequency and with its loss, the residual ones too, so that only the steps are finer."""

@@ -82,6 +82,7 @@ def test_a_sound_6_db_louder_or_brighter_is_so_in_noise():
     assert level + brighter == pytest.approx(6.0, abs=0.3)  # of what is above 2 kHz
 
 
+@pytest.mark.hard_for("0.5")
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_decay_twice_as_fast_or_slow_is_off_by_two_in_every_octave(factor):
     recorded = {10: note(is_recording=True, noise=1e-4, fall=20.0)}
@@ -104,6 +105,7 @@ def test_channels_correlate_as_much_as_they_share():
     assert np.isnan(channel_correlation(sound[:, :1], RATE, 440.0)).all()
 
 
+@pytest.mark.hard
 def test_natural_variation_is_the_nearest_layer_and_the_neighbour():
     recorded = {layer: note(is_recording=True, noise=1e-4, high=layer) for layer in (2, 4, 16)}
     results = list(compare_layers(recorded, {4: recorded[4]}, {}, 10))
@@ -114,6 +116,7 @@ def test_natural_variation_is_the_nearest_layer_and_the_neighbour():
     assert of[ANOTHER_LAYER, 16].bands > 3 * of[ANOTHER_LAYER, 2].bands
 
 
+@pytest.mark.hard
 def test_levels_over_layers_and_over_keys_are_judged_apart():
     """A gain is nobody's error; a layer 6 dB too loud is, and so are keys 2 dB off either way."""
     recorded = {layer: note(is_recording=True, noise=1e-4) for layer in (4, 10)}

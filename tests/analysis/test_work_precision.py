@@ -36,6 +36,7 @@ def found():
     return measure_work_precision(engine.load(PATCH), seconds=0.05)
 
 
+@pytest.mark.hard
 def test_finer_settings_err_less_and_cost_more(found):
     rows = {row["setting"]: row for row in found["rows"]}
     names = [
@@ -160,6 +161,7 @@ def test_chaos_ends_the_horizon():
     assert "chaotic" in found["verdict"]
 
 
+@pytest.mark.hard
 def test_price_and_error_on_the_command_line(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     words = ["accuracy", str(PATCH), "--seconds", "0.02", "--plot", "price.png"]
@@ -186,6 +188,7 @@ def test_a_rendering_says_about_how_much_it_errs(tmp_path, monkeypatch, capsys):
     assert "estimated error    0.02 of the sound up to 0.1 s; --error-estimate compares all" in capsys.readouterr().out
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize(("target", "order"), [("1e-2", 2), ("1e-5", 4)])
 def test_a_target_error_is_met_where_errors_add_up(tmp_path, capsys, target, order):
     """A mass at a barrier, for half a second: each sample errs a little, always to the same side."""
@@ -231,6 +234,7 @@ def test_of_silence_nothing_is_measured(name):
     assert says in found["verdict"] and found["rows"] == []
 
 
+@pytest.mark.hard_for("5e-05", "0.0001")
 @pytest.mark.parametrize("seconds", [1e-6, 2.3e-5, 5e-5, 1e-4])
 def test_the_price_of_a_few_samples(seconds):
     found = measure_work_precision(engine.load(PATCH), seconds=seconds)
@@ -239,6 +243,7 @@ def test_the_price_of_a_few_samples(seconds):
         assert found["verdict"] == "nothing can be measured: it has one sample; give more seconds"
 
 
+@pytest.mark.hard
 def test_motion_that_is_lost_at_once_has_a_price():
     """Heavy damping leaves order 2 alone; and where no setting errs, none pays."""
     body = {"name": "m", "kind": "oscillator", "mass": 1.0, "frequency": 440.0, "velocity": 1.0, "damping_rate": 1e6}
@@ -250,6 +255,7 @@ def test_motion_that_is_lost_at_once_has_a_price():
     assert measure_work_precision(free, seconds=0.01)["verdict"].startswith("no setting is better")
 
 
+@pytest.mark.hard
 def test_silence_on_the_command_line(tmp_path, monkeypatch, capsys):
     """The comparison says why there is no table."""
     monkeypatch.chdir(tmp_path)
@@ -284,6 +290,7 @@ def test_another_method_ends_when_its_time_is_up(monkeypatch):
 STRING = {"name": "s", "kind": "string", "length": 0.65, "linear_density": 1e-3, "tension": 80.0, "modes": 12}
 
 
+@pytest.mark.hard
 def test_errors_of_noise_are_those_against_a_higher_sample_rate():
     """More steps do not refine what is known once a sample."""
     force = {"kind": "noise", "body": "s", "at": 0.2, "amplitude": 1.0, "duration": 1.0, "band": [100.0, 3000.0]}
@@ -298,6 +305,7 @@ def test_errors_of_noise_are_those_against_a_higher_sample_rate():
     assert sum(row.front for row in study.rows) < len(study.rows), "of equal errors the fastest is the best"
 
 
+@pytest.mark.hard
 def test_a_patch_whose_pitch_glides_has_errors_and_costs(monkeypatch):
     """The steps of the glide are an error of every setting, and take time."""
     shape = {"kind": "triangle", "at": 0.2, "amplitude": 1e-3}

@@ -27,6 +27,7 @@ def run(packed, folder, code):
     return done.stdout
 
 
+@pytest.mark.hard
 def test_shipped_patches_are_read_by_name(packed, tmp_path):
     code = "import fdh, engine.files as f; print(f.__file__, fdh.load('tanpura').title, *f.shipped_names(), sep='\\n')"
     where, title, *names = run(packed, tmp_path, code).splitlines()
@@ -40,6 +41,7 @@ def test_what_was_unpacked_is_gone_at_the_end(packed, tmp_path):
     assert there == "True" and not ROOT.joinpath(path).exists()
 
 
+@pytest.mark.hard
 def test_commands_find_patches_templates_and_the_schema(packed, tmp_path):
     code = "from engine.cli.main import main; sys.exit(main(['new', 'mine']) or main(['check', 'mine.toml']))"
     assert "mine.toml: valid; " in run(packed, tmp_path, code)

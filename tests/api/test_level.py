@@ -110,6 +110,7 @@ def test_a_level_changes_what_is_heard_and_no_signal(ball):
     assert engine.Player(levelled, gain=3.0).gain == 3.0
 
 
+@pytest.mark.hard
 def test_an_instrument_with_a_level_plays_no_key_before_it_is_heard(monkeypatch):
     """Without one, its middle key is played to find a gain."""
     pressed = []

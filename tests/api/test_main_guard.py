@@ -3,6 +3,8 @@
 import subprocess
 import sys
 
+import pytest
+
 SCRIPT = """import fdh
 print("started")
 scene = fdh.load("bouncing_ball").replace("seconds", 0.05)
@@ -10,6 +12,7 @@ fdh.run_sweep_rows(scene, {"body.ball.displacement": [0.1, 0.2]}, "balls", cores
 """
 
 
+@pytest.mark.hard
 def test_a_script_without_a_main_guard_is_told_so_in_one_line(tmp_path):
     """The worker, which imports the script, says nothing of its own and touches no file of the sweep."""
     (tmp_path / "script.py").write_text(SCRIPT)

@@ -67,6 +67,7 @@ def test_silence_is_not_made_loud(tmp_path):
     assert still.save(tmp_path / "still.wav") == 0.0
 
 
+@pytest.mark.hard
 def test_trace_and_picture_are_saved_by_the_ends_of_their_names(traced, plain, tmp_path):
     traced.save(tmp_path / "a.npz")
     assert (np.load(tmp_path / "a.npz")["force"] == traced.trace["force"]).all()

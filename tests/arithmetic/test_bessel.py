@@ -86,6 +86,7 @@ def test_a_value_does_not_depend_on_the_others_of_its_array():
     assert np.array_equal(j0(arguments)[:50], [float(j0(np.array([x]))[0]) for x in arguments[:50]])
 
 
+@pytest.mark.hard
 def test_no_zero_is_left_out():
     number = np.arange(1, 61)
     found = zeros_of_j(ORDERS[:, None], number)

@@ -83,6 +83,7 @@ def test_the_file_holds_the_take(tmp_path, capsys):
     assert "gain +0.0 dB" in capsys.readouterr().out
 
 
+@pytest.mark.hard
 def test_a_plot_lies_beside_the_sound(tmp_path, capsys):
     from matplotlib.image import imread
 
@@ -143,6 +144,7 @@ def test_trace_holds_every_sample(tmp_path):
     assert np.all(trace["force"][~touching & ~np.roll(touching, 1), 0] == 0)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("patches", [PATCHES[::8], pytest.param(PATCHES, marks=pytest.mark.hard)], ids=["some", "all"])
 def test_check_validates_without_rendering(patches, tmp_path):
     bad = tmp_path / "bad.toml"
@@ -205,6 +207,7 @@ def test_an_impossible_rate_names_the_patch(tmp_path, capsys):
     assert "p.toml:8 body[0]: vibrates at 44000 Hz" in capsys.readouterr().err
 
 
+@pytest.mark.hard
 def test_help_answers_at_once():
     """Without Numba, NumPy or pydantic, all of which take longer to import."""
     helped, bare = [], []

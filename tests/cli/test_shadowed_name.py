@@ -37,7 +37,7 @@ def run(program: str, folder: Path, *words: str, **more: str) -> str:
     return done.stdout
 
 
-@pytest.mark.hard_for("render.py")
+@pytest.mark.hard
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_a_patch_is_rendered_beside_an_engine_of_the_user(program, folder):
     run(program, folder, "bouncing_ball", "--seconds", "0.1", "-o", "a.wav")

@@ -17,6 +17,7 @@ from engine.wording import program_name
 MASS = '[[body]]\nname = "b"\nkind = "mass"\nmass = 1.0\nvelocity = 1.0\n[[pickup]]\nbody = "b"\n'
 
 
+@pytest.mark.hard
 def test_all_shipped_patches_are_loaded_by_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert files.shipped_names() == [path.stem for path in PATCHES]

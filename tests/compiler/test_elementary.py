@@ -54,6 +54,7 @@ def spread(rng, low, high):
     return np.exp(rng.uniform(low, high, NUMBERS))
 
 
+@pytest.mark.hard
 def test_powers_are_right_to_half_a_digit(digits):
     rng = np.random.default_rng(1)
     x = np.concatenate([spread(rng, -300.0, 200.0), spread(rng, -0.02, 0.02)])
@@ -80,6 +81,7 @@ def test_powers_at_the_ends_of_the_numbers():
         np.testing.assert_array_equal(found, x**3.0)
 
 
+@pytest.mark.hard
 def test_logarithms_and_exponentials_keep_their_digits_near_zero(digits):
     rng = np.random.default_rng(2)
     small = spread(rng, -60.0, -0.01)

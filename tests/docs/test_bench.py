@@ -39,11 +39,13 @@ def bench(*words: str) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, "-m", "bench", *words], cwd=ROOT, capture_output=True, text=True, timeout=60)
 
 
+@pytest.mark.hard
 def test_an_unknown_measurement_is_named_and_the_one_that_was_meant():
     run = bench("realtme")
     assert run.returncode == 2 and run.stderr == "bench: unknown realtme; did you mean realtime?\n"
 
 
+@pytest.mark.hard
 def test_without_a_name_the_names_are_listed_with_a_line_each():
     """Nothing is measured; each line says what its table is of."""
     run = bench()
@@ -146,6 +148,7 @@ def test_each_render_that_is_timed_has_the_same_samples(patch):
     assert np.any(first) and np.array_equal(first, performance.audio)
 
 
+@pytest.mark.hard
 def test_pairs_are_of_two_versions_and_of_patches_that_there_are(capsys):
     for words in ([], ["HEAD", "HEAD", "HEAD"]):
         with pytest.raises(SystemExit) as end:

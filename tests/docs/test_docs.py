@@ -1,6 +1,7 @@
 """The guides in docs: their commands run, one after the other, as a reader would type them; so does their Python."""
 
 import csv
+import functools
 import os
 import re
 import shlex
@@ -73,6 +74,14 @@ def commands_of(page: Path, program: str) -> list[list[str]]:
     return [words for words in found if words and words[0] != "COMMAND"]
 
 
+@functools.cache
+def names_of_bench() -> set[str]:
+    """The measurements that `python -m bench` lists."""
+    command = [sys.executable, "-m", "bench"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return {line.split()[0] for line in listed.partition("\n\n")[2].splitlines()} | {"all", "NAME"}
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_every_command_of_a_page_is_one_with_such_options(page):
     """Those that no test runs too: `fdh` knows the command and the patch, and `bench` the name."""
@@ -90,10 +99,7 @@ def test_every_command_of_a_page_is_one_with_such_options(page):
     sweeps = [words for words in commands_of(page, "fdh") if words[0] == "sweep" and "-o" in words]
     folders = {words[words.index("-o") + 1]: words for words in sweeps}
     assert all(folders[words[words.index("-o") + 1]] == words for words in sweeps), "each sweep needs its own folder"
-    listed = subprocess.run(
-        [sys.executable, "-m", "bench"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout
-    names = {line.split()[0] for line in listed.partition("\n\n")[2].splitlines()} | {"all", "NAME"}
+    names = names_of_bench()
     assert "gallery" in names
     assert "render" in parsers
     for words in commands_of(page, "python -m bench"):
@@ -171,6 +177,7 @@ def test_the_rows_of_a_table_are_as_long_as_its_head(page):
         assert set(rows) == {rows[0]}, table.splitlines()[next(i for i, n in enumerate(rows) if n != rows[0])]
 
 
+@pytest.mark.hard
 def test_the_gallery_is_that_of_the_patches():
     """Made of the patches as they are, with a sound and a picture of each, and the pieces; sounds fit in 9 MB."""
     from bench.publish import mixed

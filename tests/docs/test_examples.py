@@ -188,6 +188,7 @@ def test_measured_modes_are_those_of_the_file(run):
     ] == pytest.approx(610.0, abs=0.5)
 
 
+@pytest.mark.hard
 def test_a_callback_of_ones_own_plays(run, sounddevice):
     """What the device is given is what is written: the sound of a player with a tremolo of 4 Hz, 6 dB deep."""
     sound, rate = soundfile.read(run("sounddevice_callback") / "sounddevice_callback.wav")
@@ -201,6 +202,7 @@ def test_a_callback_of_ones_own_plays(run, sounddevice):
     assert np.sqrt(np.mean(after**2)) > 1.2 * np.sqrt(np.mean(before**2)), "it is plucked again"
 
 
+@pytest.mark.hard
 def test_a_note_of_a_port_is_heard(run, sounddevice, monkeypatch, capsys):
     """A4 has 440 Hz."""
     mido = pytest.importorskip("mido", reason="needs mido")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from source_trees import tree_of
 
 GUIDES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]  # the changelog has names of before, too
 SOURCES = [path for room in ("engine", "bench", "tests") for path in sorted((ROOT / room).rglob("*.py"))]
@@ -25,7 +26,7 @@ OF_THE_READER = {"hardness/index.csv"}  # files that the reader of a guide makes
 
 def docstrings(path: Path) -> Iterator[str]:
     """The docstrings of a file, each with the name of what it is of."""
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    for node in ast.walk(tree_of(path)):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
             yield ast.get_docstring(node) or ""
 
@@ -58,17 +59,25 @@ def place(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("path", [*GUIDES, *SOURCES], ids=place)
-def test_names_and_files_that_are_named_exist(path):
-    read = texts(path)
+@pytest.mark.parametrize("folder", sorted({path.parent for path in [*GUIDES, *SOURCES]}), ids=place)
+def test_names_and_files_that_are_named_exist(folder):
+    """In each file of a folder."""
+    read = [path for path in [*GUIDES, *SOURCES] if path.parent == folder]
     assert read
-    for text in read:
-        names = {name for name in DOTTED.findall(text) if name not in FILES}
-        if path in GUIDES:
-            names |= {f"engine.{name}" for name in IN_PACKAGE.findall(text)}
-        assert not [name for name in names if not exists(name)]
-        files = set(FILE.findall(text)) - OF_THE_READER
-        assert not [file for file in files if not any((folder / file).exists() for folder in FOLDERS)]
+    assert [(place(path), wrong) for path in read if (wrong := names_of_nothing(path))] == []
+
+
+def names_of_nothing(path: Path) -> list[str]:
+    """Names of modules, of what they have, and of files, that a file speaks of and that do not exist."""
+    text = "\n".join(texts(path))
+    names = {name for name in DOTTED.findall(text) if name not in FILES}
+    if path in GUIDES:
+        names |= {f"engine.{name}" for name in IN_PACKAGE.findall(text)}
+    files = set(FILE.findall(text)) - OF_THE_READER
+    return [
+        *(name for name in names if not exists(name)),
+        *(file for file in files if not any((folder / file).exists() for folder in FOLDERS)),
+    ]
 
 
 @pytest.mark.parametrize("path", GUIDES, ids=place)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from source_trees import tree_of
 
 TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
 ALL_FILES = sorted((ROOT / "tests").rglob("*.py"))
@@ -16,11 +17,6 @@ COUNTED = "range", "linspace", "arange", "geomspace", "logspace", "count"  # as 
 KEEPING = "enumerate", "sorted", "reversed", "list", "tuple", "set", "dict", "zip", "product", "pairwise"
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 Comprehension = ast.ListComp | ast.SetComp | ast.GeneratorExp | ast.DictComp
-
-
-@functools.cache
-def parse(path: Path) -> ast.Module:
-    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def name_of(node: ast.AST) -> str:
@@ -32,13 +28,17 @@ def name_of(node: ast.AST) -> str:
 @functools.cache
 def checking_names() -> frozenset[str]:
     """Names of functions in the tests that check something, or call one that does."""
-    functions = [f for path in ALL_FILES for f in ast.walk(parse(path)) if isinstance(f, Function)]
-    names: frozenset[str] = frozenset()
-    while True:
-        found = frozenset(f.name for f in functions if any(is_check(node, names) for node in ast.walk(f)))
-        if found == names:
-            return names
-        names = found
+    checks, calls = frozenset[str](), dict[str, set[str]]()
+    for function in (f for path in ALL_FILES for f in ast.walk(tree_of(path)) if isinstance(f, Function)):
+        inner = [node for node in ast.walk(function) if isinstance(node, ast.Call | ast.Assert)]
+        calls.setdefault(function.name, set()).update(
+            n.func.id for n in inner if isinstance(getattr(n, "func", 0), ast.Name)
+        )
+        if any(is_check(node, frozenset()) for node in inner):
+            checks |= {function.name}
+    while more := {name for name, called in calls.items() if name not in checks and called & checks}:
+        checks |= more
+    return checks
 
 
 def is_check(node: ast.AST, helpers: frozenset[str]) -> bool:
@@ -108,7 +108,7 @@ def passes_if_empty(test: ast.expr, known: dict[str, ast.expr]) -> bool:
 
 def empty_proofs(path: Path) -> list[str]:
     """Tests of a file that check nothing where their lists are empty."""
-    tree, found = parse(path), []
+    tree, found = tree_of(path), []
     for test in ast.walk(tree):
         if not isinstance(test, Function) or not test.name.startswith("test_"):
             continue

@@ -91,6 +91,7 @@ def shown_at(built: Path, guide: Path) -> Path:
     return built / ("index.html" if guide.parent == ROOT else f"docs/{guide.stem}.html")
 
 
+@pytest.mark.hard
 def test_every_guide_is_a_page_that_the_navigation_has(built, pages):
     front = {(built / link).resolve() for link in pages[built / "index.html"].links}
     assert {shown_at(built, guide).resolve() for guide in guides()} <= front | {(built / "index.html").resolve()}
@@ -153,6 +154,7 @@ def test_sounds_have_players_and_formulas_are_mathml(built, pages):
         assert "arithmatex" not in text and not re.search(r"\$[^$\n]*\\[a-z]+", text), path.name
 
 
+@pytest.mark.hard
 def test_a_broken_link_or_anchor_or_formula_stops_the_build(tmp_path):
     root = tmp_path / "project"
     (root / "docs").mkdir(parents=True)

@@ -1,16 +1,19 @@
 """Who may import whom, and that stale caches cannot be."""
 
 import ast
+import functools
 import os
 import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
 from kernel_shape import functions_of, measure_kernel
+from source_trees import tree_of
 
 # a package imports only from those to its left; those of one group do not know each other, but all know the first
 ORDER = [
@@ -43,31 +46,48 @@ FILES = [path for path in (ROOT / "engine").rglob("*.py") if path.parent != ROOT
 MODULES = {".".join(path.relative_to(ROOT / "engine").with_suffix("").parts): path for path in FILES}
 
 
-def imports(path: Path) -> set[str]:
+@functools.cache
+def imports(path: Path) -> frozenset[str]:
     """The modules that a file imports, anywhere in it, but not for type checking alone."""
-    tree = ast.parse(path.read_text("utf-8"))
-    for node in ast.walk(tree):
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-            node.body = []
-    froms = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    nodes = list(walk_outside_type_checking(tree_of(path)))
+    froms = [node for node in nodes if isinstance(node, ast.ImportFrom)]
     modules = {node.module or "" for node in froms} | {f"{node.module}.{a.name}" for node in froms for a in node.names}
-    return modules | {a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names}
+    return frozenset(modules | {a.name for node in nodes if isinstance(node, ast.Import) for a in node.names})
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_a_package_imports_only_from_those_to_its_left(module):
-    room = module.partition(".")[0]
-    others = {name.split(".")[1] for name in imports(MODULES[module]) if name.startswith("engine.")} - {room}
-    wrong = {other for other in others if PLACE[other] >= PLACE[room] and (PLACE[room] > 0 or other == "compiler")}
-    assert wrong == set()
+def walk_outside_type_checking(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield a node and all within it, but not what is under `if TYPE_CHECKING`."""
+    yield node
+    if isinstance(node, ast.expr):  # where no imports are
+        return
+    is_guard = isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+    for child in node.orelse if isinstance(node, ast.If) and is_guard else ast.iter_child_nodes(node):
+        yield from walk_outside_type_checking(child)
 
 
-@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith("kernel.")])
-def test_a_room_of_the_kernel_imports_only_from_those_to_its_left(module):
-    rooms = [name.split(".")[2] for name in imports(MODULES[module]) if name.startswith("engine.kernel.")]
-    if module != "kernel.__init__":
-        place = KERNEL_ROOMS.index(module.split(".")[1])
-        assert max(map(KERNEL_ROOMS.index, rooms), default=0) <= place, rooms
+def imports_that(rule: Callable[[str, frozenset[str]], set[str]], within: str = "") -> dict[str, set[str]]:
+    """Return, by module, the imports that break a rule, which takes a module and what it imports."""
+    chosen = {module: path for module, path in MODULES.items() if module.startswith(within)}
+    assert chosen
+    return {module: wrong for module, path in chosen.items() if (wrong := rule(module, imports(path)))}
+
+
+def test_a_package_imports_only_from_those_to_its_left():
+    def to_the_right(module: str, found: frozenset[str]) -> set[str]:
+        room = module.partition(".")[0]
+        others = {name.split(".")[1] for name in found if name.startswith("engine.")} - {room}
+        return {other for other in others if PLACE[other] >= PLACE[room] and (PLACE[room] > 0 or other == "compiler")}
+
+    assert imports_that(to_the_right) == {}
+
+
+def test_a_room_of_the_kernel_imports_only_from_those_to_its_left():
+    def to_the_right(module: str, found: frozenset[str]) -> set[str]:
+        rooms = {name.split(".")[2] for name in found if name.startswith("engine.kernel.")}
+        place = len(KERNEL_ROOMS) if module == "kernel.__init__" else KERNEL_ROOMS.index(module.split(".")[1])
+        return {room for room in rooms if KERNEL_ROOMS.index(room) > place}
+
+    assert imports_that(to_the_right, "kernel.") == {}
 
 
 def test_what_a_file_imports_is_found():
@@ -99,19 +119,21 @@ def test_interactions_use_the_same_verbs():
     assert {f"{verb}_{kind}" for kind in kinds for verb in ("has", "push_by", "finish")} <= names
 
 
-@pytest.mark.parametrize("module", MODULES)
-def test_only_the_compiler_knows_the_inner_parts_of_numba(module):
-    inner = {
-        name for name in imports(MODULES[module]) if name.startswith(("llvmlite", "numba.core", "numba.extending"))
-    }
-    assert not inner or module.startswith("compiler."), inner
+def test_only_the_compiler_knows_the_inner_parts_of_numba():
+    inner = "llvmlite", "numba.core", "numba.extending"
+    found = imports_that(lambda module, names: {name for name in names if name.startswith(inner)})
+    assert [module for module in found if not module.startswith("compiler.")] == []
+    assert found
 
 
-@pytest.mark.parametrize("module", [name for name in MODULES if name.startswith("kernel.")])
-def test_kernels_import_nothing_but_the_compiler_and_numbers(module):
-    outside = {name for name in imports(MODULES[module]) if not name.startswith(("engine.kernel", "engine.compiler"))}
+def test_kernels_import_nothing_but_the_compiler_and_numbers():
     known = {"math", "typing", "numpy", "enum", "types", "dataclasses", "collections"}
-    assert {name.partition(".")[0] for name in outside} <= known
+
+    def outside(module: str, found: frozenset[str]) -> set[str]:
+        strange = {name for name in found if not name.startswith(("engine.kernel", "engine.compiler"))}
+        return {name.partition(".")[0] for name in strange} - known
+
+    assert imports_that(outside, "kernel.") == {}
 
 
 def test_no_numba_is_imported_before_something_is_computed():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from source_trees import tree_of
 
 SOURCES = sorted((ROOT / "engine").rglob("*.py"))
 GUIDES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -45,12 +46,15 @@ def place(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=place)
-def test_docstrings_begin_with_a_verb_or_a_noun_and_messages_are_no_riddles(path):
-    tree = ast.parse(path.read_text("utf-8"))
-    texts = docstrings(tree)
-    assert not [text for text in texts if INDIRECT.match(text)]
-    assert not [text for text in [*texts, *messages(tree)] if RIDDLES.search(text)]
+@pytest.mark.parametrize("folder", sorted({path.parent for path in SOURCES}), ids=place)
+def test_docstrings_begin_with_a_verb_or_a_noun_and_messages_are_no_riddles(folder):
+    """In each file of a folder."""
+    trees = {place(path): tree_of(path) for path in SOURCES if path.parent == folder}
+    texts = [(path, text) for path, tree in trees.items() for text in docstrings(tree)]
+    said = [(path, text) for path, tree in trees.items() for text in messages(tree)]
+    assert texts
+    assert [(path, text) for path, text in texts if INDIRECT.match(text)] == []
+    assert [(path, text) for path, text in [*texts, *said] if RIDDLES.search(text)] == []
 
 
 @pytest.mark.parametrize("path", GUIDES, ids=place)

@@ -73,7 +73,7 @@ def assert_page_plays(scene, drawn, folder):
 # --- a page
 
 
-@pytest.mark.hard_for("guitar-overlapping")
+@pytest.mark.hard
 @needs_fused_node
 @pytest.mark.parametrize(("name", "kind"), mostly_hard(PAIRS, PAIRS[0], PAIRS[2]))
 def test_a_page_plays_keys_as_live_sound_does(name, kind, tmp_path):

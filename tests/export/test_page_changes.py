@@ -180,7 +180,7 @@ def test_the_keys_of_a_page_do_what_those_of_live_sound_do(name, messages, optio
     assert meter["error"] < 1e-11
 
 
-@pytest.mark.hard_for("marimba")
+@pytest.mark.hard
 @needs_fused_node
 @pytest.mark.parametrize("name", ["piano_c4", "marimba"])
 def test_the_voices_of_a_page_are_taken_as_in_live_sound(name, tmp_path):
@@ -197,6 +197,7 @@ def test_the_voices_of_a_page_are_taken_as_in_live_sound(name, tmp_path):
     assert meter["error"] < 1e-11
 
 
+@pytest.mark.hard
 @needs_node
 def test_a_page_changes_the_pitch_and_the_loss_of_a_string_as_its_score_says(tmp_path):
     """In Node, which multiplies and then adds: with the samples of a rendering but for their last bits."""
@@ -209,6 +210,7 @@ def test_a_page_changes_the_pitch_and_the_loss_of_a_string_as_its_score_says(tmp
     assert 0.0 < meter["error"] < 1e-12
 
 
+@pytest.mark.hard
 def test_what_can_have_no_slider_is_said():
     with pytest.raises(CannotExport, match=r"no live parameter body.string.sigma; .* body.string.sigma0"):
         page_of("piano_c4", slide=["body.string.sigma"])

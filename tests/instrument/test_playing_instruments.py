@@ -58,6 +58,7 @@ def test_a_midi_file_sounds_as_the_same_score_does(path, tmp_path):
     assert np.array_equal(engine.render(played.scene, seconds=1.0).audio, wanted)
 
 
+@pytest.mark.hard
 def test_a_time_between_two_frames_is_the_same_frame_in_a_score_and_in_midi(path, tmp_path):
     """Times at the middle between two frames, and as a MIDI file adds them up: the later frame, of keys and of voices;
     the sound is the same, bit for bit."""
@@ -137,6 +138,7 @@ def test_live_keys_sound_as_the_score_does(path):
     assert allocator.player.meter().energy_error < 1e-12 and allocator.played_notes() == {"C4": "1 times"}
 
 
+@pytest.mark.hard
 def test_a_key_that_two_parts_hold_sounds_until_both_let_go(path):
     """As in a file, so live, where the parts are channels."""
     begin, first, last = 4410, Note(0, "off", 60, 64, part=1), Note(0, "off", 60, 64, part=2)
@@ -161,12 +163,14 @@ def after(path, message, pedal=0):
     return parts[1]
 
 
+@pytest.mark.hard
 def test_all_notes_off_lets_go_of_the_keys_of_its_channel(path):
     panic = after(path, mido.Message("control_change", control=123))
     np.testing.assert_array_equal(panic, after(path, off(60)))
     assert not np.array_equal(panic, after(path, off(64).copy(channel=1)))
 
 
+@pytest.mark.hard
 def test_all_sound_off_leaves_nothing_of_its_channel_whatever_the_pedal(path):
     """C4 is heard on the left, E4 of the other channel on the right."""
     silent, ringing = (after(path, mido.Message("control_change", control=c), pedal=127)[-4410:] for c in (120, 123))
@@ -236,6 +240,7 @@ def test_what_was_played_live_can_be_replayed(path):
     assert np.array_equal(replay(allocator.player.log()), out)
 
 
+@pytest.mark.hard
 def test_the_sustain_pedal_holds_notes_and_gives_them_back(path):
     def after(*notes) -> float:
         out, _ = play(path, (1000, Note(0, "on", 60, 100)), (5000, Note(0, "off", 60, 64)), *notes)
@@ -247,6 +252,7 @@ def test_the_sustain_pedal_holds_notes_and_gives_them_back(path):
     assert after() < 1e-3 * half < 1e-3 * held and lifted < 0.1 * held
 
 
+@pytest.mark.hard
 def test_too_many_notes_take_the_place_of_the_oldest(path):
     text = STRINGS.replace('keys = "C3..C5"', 'keys = "C3..C5"\npolyphony = 2')
     notes = [(1000 + 2000 * n, Note(0, "on", 60 + n, 100)) for n in range(3)]
@@ -282,6 +288,7 @@ def test_the_wheel_bends_what_sounds_and_what_comes(path, tmp_path):
     assert rendering.stats.energy.error_max <= 1e-10
 
 
+@pytest.mark.hard
 def test_a_wheel_that_moves_live_bends_as_one_in_a_file(path):
     out, allocator = play(path, (1000, Note(0, "on", 60, 100)), (3000, Note(0, "bend", 0, 100.0)))
     bent, plain = (player.value("body.C4_string1.frequency") for player in (allocator.player, play(path)[1].player))

@@ -52,6 +52,7 @@ def solved(law, rate, compliance, s, g):
     return solve(law, rate, compliance.ravel(), s, g, scratch), scratch.vectors[:, : s.size]
 
 
+@pytest.mark.hard
 def test_the_equations_hold():
     """η + B·f = g and f of the law, to the last digits, and near the chosen motion; nearly always found."""
     found = 0
@@ -80,6 +81,7 @@ def test_the_equations_hold():
     assert found >= 350
 
 
+@pytest.mark.hard
 def test_what_is_found_is_on_the_law_whatever_is_given():
     """Light bodies and heavy ones, deep contacts and shallow ones, pushed and pulled: a force pushes, or none is
     found."""

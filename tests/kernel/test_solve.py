@@ -20,7 +20,7 @@ def gradient(law, s, b):
     return contact_law.discrete_gradient(law, 0, start, b, b - s)
 
 
-@pytest.mark.hard_for("2.0", "1.0", "3.0")
+@pytest.mark.hard_for("2.0", "1.0", "3.0", "1.3", "1.5", "2.5")
 @pytest.mark.parametrize("alpha", EXPONENTS)
 def test_gradient_of_the_potential(alpha):
     """(V(b) - V(s))/(b - s) to 2e-15, however close or far s and b."""
@@ -38,7 +38,7 @@ def test_gradient_of_the_potential(alpha):
             assert gradient(law, s, b)[0] == pytest.approx(float(exact), rel=2e-15)
 
 
-@pytest.mark.hard_for("2.5")
+@pytest.mark.hard
 @pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3, 2.5))
 def test_worst_case_states(alpha):
     """Every one converges; at most 3 evaluations of the law for α ≤ 3, and 4 up to 12."""
@@ -52,6 +52,7 @@ def test_worst_case_states(alpha):
             assert abs(out[i, 2] - exact) <= mpmath.mpf(1e-13) * exact
 
 
+@pytest.mark.hard
 def test_linear_contact_agrees_with_a_bracketing_root_finder():
     """α = 1 in its four branches: free, entering, within, leaving."""
     from scipy.optimize import brentq

@@ -120,6 +120,7 @@ def test_what_is_odd_is_heard(tmp_path, name):
     assert (said in file.mended) if said else not file.mended
 
 
+@pytest.mark.hard
 def test_what_was_mended_is_said_in_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     data = smf(track((0, cc(7, 255)), (0, cc(7, 200)), (0, on(200)), *TWO))[:-4]
@@ -234,6 +235,7 @@ def mutated(data: bytes, draw: random.Random) -> bytes:
     return bytes(out)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("count", [1000, pytest.param(20_000, marks=pytest.mark.hard)])
 def test_mutated_files_neither_crash_nor_hang(count, tmp_path):
     """Each is read, or refused in a line; all notes are notes, and reading takes as long as that of a sound one."""
@@ -272,7 +274,7 @@ def test_a_large_file_of_noise_takes_seconds_at_most():
 # --- what counts as a file
 
 
-@pytest.mark.hard_for("a.rmi", "a.MIDI", "a.mid", "a.kar", "a.smf")
+@pytest.mark.hard
 @pytest.mark.parametrize("name", ["a.mid", "a.MIDI", "a.kar", "a.smf", "a.rmi", "a song", "a.mid.bak"])
 def test_a_file_of_any_name_is_one_everywhere(tmp_path, monkeypatch, capsys, name):
     monkeypatch.chdir(tmp_path)
@@ -291,6 +293,7 @@ def test_a_port_is_no_file(tmp_path, monkeypatch):
     assert is_midi_file("none.kar") and is_midi_file("-")
 
 
+@pytest.mark.hard_for("guitar")
 @pytest.mark.parametrize("patch", ["guitar", str(ROOT / "patches" / "piano_c4.toml")])
 def test_a_dash_reads_standard_input(tmp_path, monkeypatch, patch):
     monkeypatch.chdir(tmp_path)

@@ -52,6 +52,7 @@ def test_a_turned_exponent_is_that_of_the_patch():
     assert scored.stats["energy"]["error_max"] <= 1e-12
 
 
+@pytest.mark.hard
 def test_a_pitch_glides():
     """Two octaves up and down, over and over, while a string sounds: no step in the sound, energy in balance; a glide
     ends where a voice is that was tuned at once; and a replay is the same."""
@@ -80,6 +81,7 @@ def test_a_pitch_glides():
     np.testing.assert_array_equal(heard[0], again[: len(heard[0])])
 
 
+@pytest.mark.hard
 def test_a_long_glide_arrives_and_a_refused_one_changes_nothing(monkeypatch):
     player = Player(engine.load(PIANO), gain=1e-3, seconds=math.inf, voices=1, lowest=0.5)
     player.tune(0, 0.7, seconds=5.0)

@@ -58,6 +58,7 @@ def assert_nearly_same(sound, rendered, differing=5e-3):
     assert np.mean(sound != wanted) < differing and np.abs(wanted).max() > 0.0
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("channels", ["1", "[1, 2]", "[1, 2, 3]"])
 @pytest.mark.parametrize("block", [64, 1000])
 def test_keys_have_the_levels_of_a_rendering(tmp_path, channels, block):
@@ -73,6 +74,7 @@ def test_keys_have_the_levels_of_a_rendering(tmp_path, channels, block):
     np.testing.assert_array_equal(replay(json.loads(json.dumps(player.log()))), sound)
 
 
+@pytest.mark.hard
 def test_voices_have_the_levels_of_a_rendering(tmp_path):
     scene, path = engine.load(ROOT / "patches" / "piano_c4.toml"), str(save(tmp_path))
     rendered = render_notes(scene, path, RATE, FRAMES / RATE, 2)

@@ -83,7 +83,7 @@ def without_tubes(scene: engine.Scene) -> engine.Scene:
     return scene.model_copy(update=parts | {"body": [b for b in scene.body if b.kind != "tube"]})
 
 
-@pytest.mark.hard_for("tubes-60")
+@pytest.mark.hard
 @pytest.mark.parametrize("note", mostly_hard([60, 51, 72], 60))
 @pytest.mark.parametrize(("change", "cents"), [(without_tubes, 1.0), (lambda scene: scene, 3.0)], ids=["bars", "tubes"])
 def test_a_note_sounds_one_body(tmp_path, note, change, cents):
@@ -103,6 +103,7 @@ def test_a_note_sounds_one_body(tmp_path, note, change, cents):
     assert played == {name: note_name(note) + (f" ({away:+d} c)" if away else "")}
 
 
+@pytest.mark.hard
 def test_plucked_bodies_sound_too(tmp_path):
     """Two strings, one plucked by a force, one by the score: the nearest is, harder for a harder key."""
     string = {"kind": "string", "length": 0.6, "mass": 4e-3, "sigma0": 1.0, "modes": 20}

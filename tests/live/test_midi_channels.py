@@ -405,7 +405,7 @@ def test_at_a_port_tunings_are_heard(bars, monkeypatch):
 # --- pedals of scores
 
 
-@pytest.mark.hard_for("guitar-30", "guitar-3", "guitar-0", "guitar-80")
+@pytest.mark.hard_for("guitar-30", "guitar-3", "guitar-0", "guitar-80", "guitar-1")
 @pytest.mark.parametrize("ticks", [0, 1, 3, 30, 80])
 @pytest.mark.parametrize("patch", ["bars", "guitar"])
 def test_a_pedal_that_goes_up_and_down_at_once_damps(bars, tmp_path, ticks, patch):

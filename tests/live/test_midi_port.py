@@ -256,6 +256,7 @@ PEDALS = [on(60), off(60), *(cc(pedal, value) for pedal in (64, 66) for value in
 MESSAGES = [*PARAMETERS, *PEDALS, on(61, 2), off(61, 2), wheel(-8192, 2), cc(1, 5), cc(1, 6), cc(64, 0, 2)]
 
 
+@pytest.mark.hard
 @settings(max_examples=500, deadline=None)
 @given(st.lists(st.sampled_from(MESSAGES), max_size=40) | st.lists(st.sampled_from(PEDALS), min_size=12, max_size=40))
 def test_what_is_left_out_changes_no_note_and_not_the_end(messages):

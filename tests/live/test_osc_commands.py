@@ -218,6 +218,7 @@ def test_a_control_of_the_patch_comes_before_a_command(start):
     assert ["strike", "hammer"] not in session.played()
 
 
+@pytest.mark.hard
 def test_a_flood_of_commands_takes_neither_memory_nor_the_session(start):
     """50 000 strikes: what there is no room for is counted, one look at them is short, and the sound goes on."""
     session = start(engine.load("piano_c4"))
@@ -273,6 +274,7 @@ def test_many_unknown_addresses_are_few_and_short_lines(start):
 # --- the command
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", ["snare", "guitar"])
 def test_an_instrument_that_waits_for_notes_has_a_level(name):
     """Its middle key, played as loud as can be, is near half of full scale, whatever unit its pickups have, if the

@@ -45,7 +45,7 @@ def set_quality(player: Player, level: int) -> None:
     player._queue.put(["quality", level], with_level)
 
 
-@pytest.mark.hard_for("marimba_keys")
+@pytest.mark.hard
 @pytest.mark.parametrize("name", ["vibraphone", "marimba_keys"])
 def test_what_is_dropped_fades_out_without_a_step_and_does_not_come_back(name: str) -> None:
     """The largest step from sample to sample is that of the full sound; and after the fade, the sound is that of the
@@ -67,7 +67,7 @@ def test_what_is_dropped_fades_out_without_a_step_and_does_not_come_back(name: s
     assert reduced.meter()["energy_error"] <= 1e-12
 
 
-@pytest.mark.hard_for("64")
+@pytest.mark.hard
 @pytest.mark.parametrize("block", [64, 1000])
 def test_a_replay_drops_the_same(block: int) -> None:
     player = chord_player("vibraphone", cores=2)
@@ -81,6 +81,7 @@ def test_a_replay_drops_the_same(block: int) -> None:
     np.testing.assert_array_equal(again, np.concatenate(parts).astype(np.float32))
 
 
+@pytest.mark.hard
 def test_a_note_that_begins_while_its_bar_fades_out_sounds() -> None:
     full, reduced = chord_player("vibraphone"), chord_player("vibraphone")
     for player in (full, reduced):

@@ -159,6 +159,7 @@ def warnings_of(log: dict[str, Any]) -> list[str]:
     return said
 
 
+@pytest.mark.hard
 def test_a_replay_says_that_its_tables_differ_from_those_of_the_log(patch):
     """In a line, also where several players took over; an older log names no tables."""
     players = [Player(patch(name), seconds=math.inf, gain=0.1) for name in ("piano_c4", "tanpura", "piano_c4")]

@@ -155,7 +155,7 @@ def same(written: dict[str, Any], wanted: dict[str, Any]) -> None:
         same(written["next"], wanted["next"])
 
 
-@pytest.mark.hard_for("0-1", "2-2", "2-1")
+@pytest.mark.hard
 @pytest.mark.parametrize("cores", [1, 2])
 @pytest.mark.parametrize("switches", [0, 2])
 def test_a_log_that_is_written_in_steps_is_that_of_a_twin(scene, tmp_path, cores, switches):
@@ -214,6 +214,7 @@ def kept(player: Player) -> int:
     return len(queue._log) + len(queue._pending) + len(queue._waiting) + len(queue._groups)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("keeps", [True, False])
 def test_what_was_written_takes_no_memory(scene, tmp_path, keeps):
     player = make_player(scene, log=keeps)
@@ -302,6 +303,7 @@ def test_a_log_of_more_than_64_mb_is_written_while_it_is_played(scene, tmp_path)
     np.testing.assert_array_equal(replay(read_log(path)), heard)
 
 
+@pytest.mark.hard
 def test_a_pedal_of_the_piano_is_one_event(tmp_path):
     """Moved a hundred times over all its strings: the events take less than 200 kB, none is dropped, and the replay is
     the same."""

@@ -250,6 +250,7 @@ def test_lines_are_those_that_reading_bit_by_bit_finds(text):
     assert all(nearest_line(found, where) == line for where, line in wanted.items())
 
 
+@pytest.mark.hard_for("text3", "text5")
 @pytest.mark.parametrize(
     "text",
     ['"' + '\\"' * 300_000, '"""' + '""\\' * 200_000, "a" * 900_000, "[[" * 300_000, "='" * 300_000, "\n" * 600_000],
@@ -327,6 +328,7 @@ def test_a_drum_of_all_its_modes_is_built_soon():
     assert time.process_time() - begin < 2 * AT_ONCE
 
 
+@pytest.mark.hard
 def test_many_bodies_that_touch_are_built_soon():
     """In time that grows as they do."""
     count = 2000

@@ -51,6 +51,7 @@ def refused(done: subprocess.CompletedProcess, *says: str, code: int = 2, lines:
 # --- the file
 
 
+@pytest.mark.hard
 def test_the_patch_is_elsewhere(tmp_path):
     """The shipped one is named, wherever one is; and one here comes first."""
     refused(run("piano_c4.toml", cwd=tmp_path), "piano_c4.toml: no such file; did you mean piano_c4?")
@@ -62,6 +63,7 @@ def test_the_patch_is_elsewhere(tmp_path):
     assert "qqq.toml: no such file; give a patch, such as " in done.stderr
 
 
+@pytest.mark.hard
 def test_a_folder(tmp_path):
     refused(run("patches", cwd=ROOT), "patches: is a folder; give one of its patches, such as patches/ball_on_drum")
 
@@ -88,6 +90,7 @@ SLIPS = {
 }
 
 
+@pytest.mark.hard
 def test_what_is_no_patch_and_slips_in_one(tmp_path):
     """One line for each, in the order of the files."""
     said = []
@@ -109,6 +112,7 @@ def test_what_is_no_patch_and_slips_in_one(tmp_path):
 # --- the command
 
 
+@pytest.mark.hard
 def test_a_slip_in_a_command_or_an_option(tmp_path):
     refused(run("chekc", "x"), 'no command, file or shipped patch is called "chekc"; did you mean "check"')
     refused(run("parms"), 'did you mean "params"?')
@@ -124,6 +128,7 @@ def test_a_slip_in_a_command_or_an_option(tmp_path):
     assert run("check", "chekc", cwd=tmp_path).returncode == 0
 
 
+@pytest.mark.hard
 def test_help_names_the_commands():
     told = run("--help").stdout
     assert {line.split()[0] for line in told.splitlines() if line.startswith("    ")} >= set(main.build_parser()[1])
@@ -133,6 +138,7 @@ def test_help_names_the_commands():
 # --- what is written
 
 
+@pytest.mark.hard
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder that refuses even root")
 def test_folders_that_take_no_file(tmp_path):
     refused(run(BALL, "-o", "/proc/a.wav"), "--output: /proc cannot be written to; write elsewhere")
@@ -141,6 +147,7 @@ def test_folders_that_take_no_file(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.hard
 def test_the_output_is_a_folder(tmp_path):
     (tmp_path / "a.wav").mkdir()
     refused(
@@ -214,6 +221,7 @@ def test_render_py_is_read_by_old_pythons():
         refused(done, f"needs Python 3.11 or newer, and this is {said}", "uv run render.py a.toml", code=1, lines=2)
 
 
+@pytest.mark.hard_for("matplotlib-words2---plot: needs matplotlib; run uv sync --extra plot-2")
 @pytest.mark.parametrize(
     ("hidden", "words", "says", "code"),
     [
@@ -244,6 +252,7 @@ def test_files_that_are_no_notes_and_no_log(tmp_path, monkeypatch, capsys, words
     assert not Path("b.wav").exists()
 
 
+@pytest.mark.hard
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no folder that refuses even root")
 def test_a_cache_that_cannot_be_written(tmp_path):
     """Compiled code goes to a temporary folder, of this user's own."""
@@ -267,6 +276,13 @@ def test_a_render_without_a_cache_folder(tmp_path):
 # --- files that are given by mistake
 
 
+@pytest.mark.hard_for(
+    'words0-"mine.toml" is not the name of a picture; end it in .png',
+    'words1-"mine.toml" is not the name of a trace; end it in .npz',
+    'words2-"mine.toml" is not the name of a log; end it in .json',
+    "words3-. has other files in it; give an empty folder",
+    "words6---output: is empty; give the name of a file",
+)
 @pytest.mark.parametrize(
     ("words", "what"),
     [

@@ -9,7 +9,7 @@ import engine
 PIANO = engine.load("piano_c4")
 
 
-@pytest.mark.hard_but("piano_c4", "ball_on_drum", "buzzing_reed")
+@pytest.mark.hard
 @pytest.mark.parametrize("path", PATCHES, ids=lambda p: p.stem)
 def test_every_parameter_can_be_replaced_and_its_own_value_changes_nothing(path):
     """Those of an instrument are written out of its formulas; there it is its seconds alone."""

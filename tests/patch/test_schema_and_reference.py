@@ -205,7 +205,7 @@ def test_templates_sound_at_once(path):
     assert rendering.stats["energy"]["error_max"] < 1e-11
 
 
-@pytest.mark.hard_for("piano-keys0")
+@pytest.mark.hard_for("piano-keys0", "guitar-keys1")
 @pytest.mark.parametrize(
     ("name", "keys"),
     [

@@ -189,7 +189,7 @@ at = 0.3
 """
 
 
-@pytest.mark.hard_for("4")
+@pytest.mark.hard
 @pytest.mark.parametrize("order", [4, 6])
 def test_contact_loss_apart_from_the_solve_never_pulls_and_never_gives(order):
     """Over decades of stiffness, loss and speed: the whole force, elastic and lossy, pushes, and what is dissipated

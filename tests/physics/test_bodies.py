@@ -217,6 +217,7 @@ def test_shapes_of_rectangles_are_orthonormal(body):
     np.testing.assert_allclose(np.einsum("abi,abj,ab->ij", shapes, shapes, mass), np.eye(60), atol=1e-12)
 
 
+@pytest.mark.hard
 def test_shapes_of_circles_are_orthonormal():
     own = membrane(radius=0.2).modal_body(math.inf)
     r, w = np.polynomial.legendre.leggauss(40)

@@ -129,6 +129,7 @@ def test_touches_are_counted_across_blocks():
     assert contact.touches == rendering.contacts["contact.0"].touches > 100
 
 
+@pytest.mark.hard_for("1")
 @pytest.mark.parametrize("frames", [1, 7, 64])
 def test_they_are_the_same_in_blocks_of_any_size(frames, monkeypatch):
     told = engine.load("snare_wires")
@@ -186,6 +187,7 @@ def test_a_contact_that_an_event_makes_hard_is_named(change):
     assert [contact.contact for contact in hard.stats.brief_contacts] == ["floor"]
 
 
+@pytest.mark.hard
 def test_shapes_are_traced_beside_the_watched_contacts():
     told = engine.load("rattle")
     shaped = engine.render(told, seconds=0.1, trace_shapes=True)
@@ -194,6 +196,7 @@ def test_shapes_are_traced_beside_the_watched_contacts():
     assert shaped.stats.brief_contacts == plain.stats.brief_contacts != []
 
 
+@pytest.mark.hard
 def test_tables_that_the_score_changes_leave_the_watched_contacts_apart(monkeypatch):
     """A pickup of a watched contact hears that contact alone, also after tables were exchanged."""
     tables = engine.load("rattle").model_dump(exclude_none=True, exclude_unset=True)

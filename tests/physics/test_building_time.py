@@ -28,6 +28,7 @@ def build_body(body: dict[str, Any], **more: Any) -> Any:
         assert time.process_time() - begin < SECONDS
 
 
+@pytest.mark.hard_for("high ribs", "modes of a board", "modes of a board with ribs")
 @pytest.mark.parametrize(
     ("body", "message"),
     [
@@ -47,6 +48,7 @@ def test_a_body_that_would_take_minutes_is_refused(body, message):
         build_body(body)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize(
     "body",
     [

@@ -200,6 +200,7 @@ def reference_string(seconds: float, rate: int, gap: float) -> tuple[np.ndarray,
     return force, heard
 
 
+@pytest.mark.hard
 def test_string_against_an_obstacle_agrees_with_finite_differences():
     """First contact, its impulse, all impulses of 60 ms, and third-octave bands, against another method
     at 16 times the rate."""

@@ -97,7 +97,7 @@ def test_a_support_with_several_places_shares_its_spring_among_them():
     assert np.allclose(engine_poles(one), engine_poles(several), rtol=1e-9)
 
 
-@pytest.mark.hard_for("1000000.0", "100000000.0", "10000000.0")
+@pytest.mark.hard
 @pytest.mark.parametrize("stiffness", [1e4, 1e5, 1e6, 1e7, 1e8])
 def test_near_the_end_a_spring_to_a_board_gives_pitch_and_decay(stiffness):
     scene = held([spring(stiffness, at=0.985, on="board", on_at="bridge")], [choir(1)["body"][1]])

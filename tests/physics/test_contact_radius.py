@@ -132,6 +132,7 @@ def test_what_a_membrane_gives_way_beyond_its_modes_is_that_of_many():
         assert abs(closed - many) < 0.02 * scale
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("edges", ["clamped", "free"])
 def test_what_a_plate_of_any_edges_gives_way_beyond_its_modes_is_that_of_more(edges):
     """Of wood, away from the edges: 60 and 400 modes differ by what stands for those between."""

@@ -43,7 +43,6 @@ def test_a_minute_of_collisions_keeps_its_energy(patch, scheme):
     "rattle-fdh",
     "bass_frets-fdh",
     "buzzing_reed-exact",
-    "sympathetic_strings-fdh",
     "grand_c7-exact",
 )
 @pytest.mark.parametrize("scheme", ["exact", "fdh"])

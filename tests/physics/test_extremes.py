@@ -55,7 +55,7 @@ def test_scenes_all_over_the_ranges_hold():
     all_hold(2, 60, random_scenes.scene)
 
 
-@pytest.mark.hard_for("6-10", "2-60")
+@pytest.mark.hard
 @pytest.mark.parametrize(("order", "count"), [(2, 60), (4, 15), (6, 10)])
 def test_bodies_that_stretch_are_joined_and_rub_hold(order, count):
     all_hold(order, count, random_scenes.joined_scene)

@@ -321,6 +321,7 @@ def check_states(scene: dict, is_one_body: bool) -> int:
     return len(v) - 1
 
 
+@pytest.mark.hard
 def test_each_state_has_one_solution_by_either_bound():
     """Pressed by a contact of the same step, or, where both act on one body, of the step before."""
     states = 0

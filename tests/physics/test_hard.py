@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -72,6 +73,7 @@ def stats(scene: engine.Scene, error: float = 1e-12, **options) -> dict:
 # --- one solve
 
 
+@pytest.mark.hard_for("0.0-state0-1000.0-1.3")
 @pytest.mark.parametrize("alpha", mostly_hard(EXPONENTS, 1.3))
 @pytest.mark.parametrize("rate", [0.0, 1e3])
 @pytest.mark.parametrize(
@@ -106,6 +108,7 @@ def test_at_rest_in_contact(alpha, s):
     assert abs(out[0]) <= 1e-14 * s
 
 
+@pytest.mark.hard_for("1.5", "2.0", "2.5", "3.0")
 @pytest.mark.parametrize("alpha", EXPONENTS)
 def test_contact_at_a_vibration_node(alpha):
     """B = 0: the body does not give, and the force is that of its own motion."""
@@ -214,7 +217,7 @@ def test_unknowns_do_not_cancel(stiffness, exponent, contacts):
     assert found["energy"]["error_per_step_max"] <= (1e-14 if contacts == 1 else 2e-14)
 
 
-@pytest.mark.hard_for("0.001-1.3", "1000.0-1.3")
+@pytest.mark.hard_for("0.001-1.3", "1000.0-1.3", "100000000.0-1.3")
 @pytest.mark.parametrize("alpha", mostly_hard([1, 1.3, 1.5, 2, 3, 5, 8], 1.3))
 @pytest.mark.parametrize("beta", [1e-3, 1.0, 1e3, 1e8])
 def test_the_paper_metric(alpha, beta):
@@ -408,7 +411,7 @@ def overflow(built):
     return built._replace(state=built.state._replace(potential_coefficient=built.state.potential_coefficient * np.inf))
 
 
-TOUCHING = [path for path in PATCHES if engine.load(path).contact]
+TOUCHING = [path for path in PATCHES if re.search(r"^\[\[.*contact\]\]|^contact = ", path.read_text("utf-8"), re.M)]
 
 
 @pytest.mark.hard_but(

@@ -95,7 +95,7 @@ SHEETS = {
 }
 
 
-@pytest.mark.hard_for("plate", "circle")
+@pytest.mark.hard
 @pytest.mark.parametrize("body", SHEETS.values(), ids=SHEETS)
 def test_a_sheet_pulled_aside_is_a_cone(body):
     """Largest where it is held, half of it half way to the rim."""
@@ -106,7 +106,7 @@ def test_a_sheet_pulled_aside_is_a_cone(body):
     assert displacement_at(pulled, [0.5, 0.25]) == pytest.approx(1e-3, rel=0.02)
 
 
-@pytest.mark.hard_for("circle", "rectangle")
+@pytest.mark.hard
 @pytest.mark.parametrize("body", SHEETS.values(), ids=SHEETS)
 def test_points_on_a_sheet(body):
     """A grid of points of a smooth shape, which stays what it is."""
@@ -158,6 +158,7 @@ def test_the_energy_of_a_cone_does_not_grow_with_the_modes(kind, modes):
     assert energy == pytest.approx(exact, rel=0.05 if modes == 200 else 0.02)
 
 
+@pytest.mark.hard
 def test_a_mode_is_as_large_as_asked_where_it_is_largest():
     """At the free end of a bar, which no point of a quadrature is."""
     bar = {"name": "b", "kind": "bar", "length": 0.4, "mass": 0.2, "frequency": 100.0, "modes": 5}

@@ -180,6 +180,7 @@ def test_a_harder_strike_is_shorter_and_brighter():
     assert np.all(np.diff(bright) > 3.0)  # dB
 
 
+@pytest.mark.hard
 def test_the_bridge_of_the_tanpura_makes_the_jvari():
     """High partials grow at the cost of the low ones after the pluck is over, and stay for seconds; without the
     bridge they only die away."""
@@ -207,7 +208,7 @@ def test_the_pitch_of_the_tanpura():
     assert abs(cents(frequency, pole.imag / 2 / math.pi)) < 1.0
 
 
-@pytest.mark.hard_for("first round")
+@pytest.mark.hard
 @pytest.mark.parametrize(
     ("start", "pitch"), [(0.1, 97.9989), (3.9, 97.9989)], ids=["first round", "second round, over the others"]
 )
@@ -234,6 +235,7 @@ def held(scene: engine.Scene, frets: list[float], finger: float) -> float:
     return float(scipy.optimize.brentq(singular, 105.0, 112.0))
 
 
+@pytest.mark.hard
 def test_the_fretted_string_sounds_from_its_fret():
     """Pressed down behind the fifth fret: the pitch is that of a string held at frets 4 and 5 and by the finger,
     and about five semitones above the open one (stiffness makes it sharper)."""
@@ -348,6 +350,7 @@ def level(x: np.ndarray, frequency: float) -> float:
     return 20 * math.log10(abs((x * turns) @ np.hanning(x.size)) / x.size)
 
 
+@pytest.mark.hard
 def test_the_body_of_the_guitar_has_the_two_resonances_of_guitars():
     """Air in the hole with the top, and top against the air: 104 and 219 Hz, Q 29 and 26, as Christensen & Vistisen
     measured; within their ranges of 90 to 120 and 170 to 250 Hz. And below the air alone, at 122 to 135 Hz."""
@@ -363,6 +366,7 @@ def test_the_body_of_the_guitar_has_the_two_resonances_of_guitars():
     assert 122.0 < alone < 135.0
 
 
+@pytest.mark.hard
 def test_the_kalimba_is_in_tune_and_its_overtone_is_high_and_short():
     """One overtone, 6.6 times as high on real ones (M. Holdaway, kalimbamagic.com, 2006), which dies by 75 to 200 dB/s,
     here by up to 500; the notes by 13 to 23 dB/s, but that on the resonance of the box."""
@@ -378,6 +382,7 @@ def test_the_kalimba_is_in_tune_and_its_overtone_is_high_and_short():
         assert high, note
 
 
+@pytest.mark.hard
 def test_the_air_binds_the_heads_of_the_snare():
     """182 and 330 Hz on a real one (Rossing et al., JASA 92, 1992): both heads one way, and against each other."""
     scene = heard("snare_two_heads").scene
@@ -401,6 +406,7 @@ def test_the_free_string_answers_and_is_heard_alone():
     assert alone.std() > 30 * none.std()
 
 
+@pytest.mark.hard
 def test_the_bolt_rattles_and_falls_silent():
     """After each of two plucks the bolt knocks hundreds of times a second, then ever more seldom, and in the third
     second no more.

@@ -63,6 +63,7 @@ def test_slopes_are_those_of_sines(body, slope, count):
         assert "(root mean square): theories of small slopes hold up to about 0.1" in lines[0]
 
 
+@pytest.mark.hard
 def test_the_slope_of_a_round_membrane_is_that_of_its_gradient():
     """By differences on a fine grid."""
     of = bent(ROUND, 2e-3, number=4)

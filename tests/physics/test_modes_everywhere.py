@@ -49,6 +49,7 @@ def check_bits(setting: str, *bodies: str) -> None:
     assert {name for name in here if here[name] != there[name]} <= {"LAPACK", "libm"}
 
 
+@pytest.mark.hard
 def test_a_few_have_the_same_bits_on_an_old_processor():
     check_bits("oldest", "hinged plate", "free shell")
 

@@ -33,6 +33,7 @@ def driven(bodies, ends, **more) -> engine.Scene:
     return scene(bodies, connection=ends, pickup=HEARD, **more)
 
 
+@pytest.mark.hard
 def test_the_board_moves_as_the_force_on_the_end_makes_it():
     """Against exact solutions of its modes: a string of known motion, -T·y'(L, t), on damped oscillators."""
     rate, n = 44_100, 8820

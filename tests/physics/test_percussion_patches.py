@@ -101,6 +101,7 @@ def brightness(name: str, key: str, velocity: int) -> float:
     return 10 * math.log10(power[hertz > 2000.0].sum() / power.sum())
 
 
+@pytest.mark.hard_for("toms-G2")
 @pytest.mark.parametrize(
     ("name", "key"),
     [("marimba_keys", "C4"), ("marimba_keys", "C5"), ("vibraphone", "F4"), ("toms", "G2")],
@@ -111,6 +112,7 @@ def test_a_harder_blow_is_louder_and_brighter(name, key):
     assert brightness(name, key, 110) > brightness(name, key, 40) + 3.0
 
 
+@pytest.mark.hard_for("snare-D2")
 @pytest.mark.parametrize(
     ("name", "key"),
     [("marimba_keys", "C4"), ("vibraphone", "F4"), ("snare", "C#2"), ("snare", "D2"), ("snare", "E2"), ("toms", "B2")],
@@ -130,6 +132,7 @@ def test_the_dampers_of_the_vibraphone():
     assert ringing > 100 * late
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("key", ["F2", "C3"])
 def test_a_tom_has_one_pitch(key):
     """Both heads one way: as the patch says; and against each other: higher, and gone in a quarter of the time."""
@@ -143,6 +146,7 @@ def test_a_tom_has_one_pitch(key):
     assert against.real < 4 * first.real
 
 
+@pytest.mark.hard
 def test_the_head_of_a_tom_throws_the_stick_back():
     """It stays on for 3 to 6 ms on real drums (Wagner, KTH, 2006), longer on a low tom than on a high one; and does
     not come back."""
@@ -158,6 +162,7 @@ def test_the_head_of_a_tom_throws_the_stick_back():
     assert 12.0 > lasts[0] > lasts[1] > 3.0
 
 
+@pytest.mark.hard
 def test_a_tom_falls_in_pitch_as_recorded_ones_do():
     """Those fall by 230 to 310 cents in 0.4 s after the hardest of five blows, with less level by less, and by 31 after
     the softest (docs/bench.md, Toms that fall in pitch); others by 140 after a hard blow."""

@@ -35,6 +35,7 @@ def test_the_first_mode_of_a_circle(edges, number):
     assert f[0] == pytest.approx(number / (2 * math.pi * 0.04) * math.sqrt(D / 7.85), rel=2e-4)
 
 
+@pytest.mark.hard_for("circle-clamped")
 @pytest.mark.parametrize("edges", ["supported", "clamped", "free"])
 @pytest.mark.parametrize("form", [{"size": [0.4, 0.25]}, {"radius": 0.2}], ids=["rectangle", "circle"])
 def test_a_frequency_tunes_the_first_mode(edges, form):
@@ -102,6 +103,7 @@ def test_a_turned_plate_sounds_the_same():
     np.testing.assert_allclose(heard[1], heard[0], atol=1e-9 * abs(heard[0]).max())
 
 
+@pytest.mark.hard
 def test_a_free_plate_moves_as_a_whole_when_it_is_struck():
     """A short push of impulse J in the middle of a plate that floats: its centre of mass moves with J/m."""
     body = {"name": "p", "kind": "plate", "size": [0.4, 0.25], "edges": "free", "modes": 30} | STEEL

@@ -126,12 +126,7 @@ def strip_determinant(omega, m, sides, stiffness, density, ends, rib=None) -> fl
     return float(sign * math.exp(size / 8))
 
 
-@pytest.mark.hard_but(
-    "('free', 'free')-None-orthotropic",
-    "('free', 'free')-None-steel",
-    "('clamped', 'clamped')-None-steel",
-    "('supported', 'supported')-Rib(along='x', at=0.5, bending=1000.0, density=0.4)-steel",
-)
+@pytest.mark.hard
 @pytest.mark.parametrize("stiffness", [STEEL, PlateStiffness(200.0, 30.0, 20.0, 35.0)], ids=["steel", "orthotropic"])
 @pytest.mark.parametrize(
     ("ends", "rib"),
@@ -273,7 +268,7 @@ def test_a_free_plate_moves_as_a_rigid_body():
 # --- how many, and how well
 
 
-@pytest.mark.hard_for("ribs")
+@pytest.mark.hard_for("ribs", "mixed")
 @pytest.mark.parametrize("case", CASES)
 def test_all_modes_have_converged(case):
     """With many more polynomials none is lower by 0.1 %; by Rayleigh and Ritz none is below the exact one."""
@@ -287,6 +282,7 @@ def test_all_modes_have_converged(case):
     np.testing.assert_array_less(better * (1 - 1e-8) - 1e-9, modes.omega)
 
 
+@pytest.mark.hard
 def test_a_board_with_twelve_ribs_has_converged():
     """A soundboard."""
     ribs = [Rib("y", (j + 1) / 13 + 0.004 * math.sin(j), 950.0, 0.22) for j in range(12)]
@@ -298,6 +294,7 @@ def test_a_board_with_twelve_ribs_has_converged():
     np.testing.assert_allclose(modes.omega, better, rtol=3e-4)
 
 
+@pytest.mark.hard_for("ribs")
 @pytest.mark.parametrize("case", CASES)
 def test_modes_below_a_frequency_are_the_lowest(case):
     stiffness, tension, edges, ribs = CASES[case]
@@ -386,7 +383,7 @@ def radial_frequencies(m: int, edge: str, poisson: float, pull: float, terms: in
     return np.sqrt(np.maximum(scipy.linalg.eigh(stiff, integral(f, f), eigvals_only=True), 0.0))
 
 
-@pytest.mark.hard_for("free-0.0-0.0", "clamped-0.3-70.0", "free-0.3-0.0")
+@pytest.mark.hard
 @pytest.mark.parametrize(
     ("edge", "poisson", "pull"),
     [("free", 0.3, 0.0), ("free", 0.0, 0.0), ("supported", 0.3, 0.0), ("supported", 0.2, 70.0), ("clamped", 0.3, 70.0)],
@@ -428,7 +425,7 @@ def test_roots_of_round_plates(edge):
         assert lowest[index] == pytest.approx(float(near), rel=1e-11)
 
 
-@pytest.mark.hard_for("clamped-0.0-2.0", "supported-50.0-2.0")
+@pytest.mark.hard_for("clamped-0.0-2.0", "supported-50.0-2.0", "clamped-50.0-0.0001")
 @pytest.mark.parametrize(
     ("edge", "tension", "rigidity"),
     [("free", 0.0, 2.0), ("clamped", 0.0, 2.0), ("supported", 50.0, 2.0), ("clamped", 50.0, 1e-4)],
@@ -447,6 +444,7 @@ def test_shapes_of_round_plates_are_orthonormal(edge, tension, rigidity):
         np.testing.assert_allclose(modes.shape([1.0, 0.5])[:3] * math.sqrt(weight), [1, 2, 0], atol=1e-12)
 
 
+@pytest.mark.hard
 def test_a_limp_round_plate_is_a_membrane():
     """ω → j_mn·√(T/ρ)/(R - √(D/T))."""
     each = [scipy.special.jn_zeros(m, 20) for m in range(40) for _ in range(1 if m == 0 else 2)]
@@ -456,6 +454,7 @@ def test_a_limp_round_plate_is_a_membrane():
         np.testing.assert_allclose(omega, zeros * math.sqrt(8.0 / 2.0) / (0.5 - math.sqrt(rigidity / 8.0)), rtol=rtol)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("edge", ROUND)
 def test_round_plates_keep_their_lowest_modes(edge):
     """Those below a frequency, and thousands: Weyl's law z²/4 with z = R(ρω²/D)^¼, and a share of the rim's length."""

@@ -80,6 +80,7 @@ def test_nothing_changes_out_of_contact():
     np.testing.assert_array_equal(chosen, fixed)
 
 
+@pytest.mark.hard
 def test_cores_and_blocks_change_no_bit_and_a_replay_is_the_same():
     scene = engine.load(SNARE)
     scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(max_error=1e-2, max_substeps=16)})
@@ -126,6 +127,7 @@ def test_an_error_that_cannot_be_asked_for_is_refused(told, message):
         engine.render(ruler_scene("barrier"), 0.01, **told)
 
 
+@pytest.mark.hard
 def test_live_samples_that_would_need_more_steps_are_counted():
     scene = engine.load(SNARE)
     counts = []

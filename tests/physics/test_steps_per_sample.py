@@ -94,6 +94,7 @@ def test_a_rigid_joint_of_unequal_losses_moves_as_the_constrained_system(sigma, 
         assert fine <= 1.1 * coarse * (n / m) ** 2 + 1e-11
 
 
+@pytest.mark.hard_for("100.0")
 @pytest.mark.parametrize("sigma", [1.0, 100.0, 1000.0])
 def test_errors_under_a_smooth_push_fall_with_the_square_of_the_step(sigma):
     """Under a half sine, whose mean over each step acts; within a factor of two."""
@@ -186,6 +187,7 @@ def test_a_hammer_on_joined_bodies_has_no_floor():
 # --- collisions of bodies that lose
 
 
+@pytest.mark.hard
 def test_a_collision_of_a_body_that_loses_converges_to_the_continuous_motion():
     """A body of two modes thrown against a stop, against DOP853: a quarter of the error for twice the steps."""
     omega, sigma, shape = 2 * math.pi * np.array([150.0, 1100.0]), np.array([40.0, 400.0]), np.array([1.0, 0.7])
@@ -217,7 +219,7 @@ def test_a_collision_of_a_body_that_loses_converges_to_the_continuous_motion():
     assert errors[-1] <= 1e-6
 
 
-@pytest.mark.hard_for("snare-limits5", "tanpura-limits6")
+@pytest.mark.hard_for("snare-limits5", "tanpura-limits6", "frets-limits4")
 @pytest.mark.parametrize(
     ("name", "limits"),
     [

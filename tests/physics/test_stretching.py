@@ -136,6 +136,7 @@ def test_one_mode_sounds_higher_by_the_elliptic_integral(rise, frequency):
     assert shift == pytest.approx(-((omega / RATE) ** 2) / 3, rel=0.02 + 0.3 * rise)
 
 
+@pytest.mark.hard
 def test_free_motion_is_of_second_and_fourth_order():
     def change(_, y):
         return np.concatenate([y[MODES:], string_force(y[:MODES])])
@@ -146,6 +147,7 @@ def test_free_motion_is_of_second_and_fourth_order():
     assert mean_slope(parts, reference, (1, 2, 4), order=4) == pytest.approx(4, abs=0.3)
 
 
+@pytest.mark.hard
 def test_a_hammer_on_a_stretching_string_is_of_second_order():
     mass, stiffness, exponent, speed, phi = 5e-3, 1e8, 2.5, 8.0, shape(STRUCK)
     below = float(phi @ first_mode(AMPLITUDE)) - 1e-3
@@ -165,6 +167,7 @@ def test_a_hammer_on_a_stretching_string_is_of_second_order():
     assert mean_slope(parts, reference) == pytest.approx(2, abs=0.2)
 
 
+@pytest.mark.hard
 def test_a_mass_on_a_spring_from_a_stretching_string_is_of_second_order():
     mass, stiffness, phi = 2e-3, 1e3, shape(STRUCK)
 
@@ -212,7 +215,7 @@ def strings_on_a_bridge(scales, shares, has_one_tension=False):
     return integrate(change, begin, SAMPLES)[:, :MODES] @ shape(HEARD)
 
 
-@pytest.mark.hard_for("shares1")
+@pytest.mark.hard
 @pytest.mark.parametrize(
     "shares", [[1.0], [0.8, -0.5], *(pytest.param(x, marks=pytest.mark.hard) for x in ([0.6], [1.0, 1.0]))]
 )
@@ -229,6 +232,7 @@ def test_strings_whose_ends_move_are_stretched_between_them(shares):
     assert mean_slope(parts, reference, (2, 4, 8)) == pytest.approx(2, abs=0.2)
 
 
+@pytest.mark.hard
 def test_the_polarisations_of_a_string_stretch_it_together():
     """One of them moves at first, the bridge moves both."""
     angle = 0.7
@@ -390,6 +394,7 @@ def check_joined_strings(seeds, limit):
         assert np.abs(np.diff(balance)).max() <= limit * np.abs(balance).max(), seed
 
 
+@pytest.mark.hard
 def test_strings_that_stretch_each_other_keep_the_energy():
     """Each tension depends on all others, which move while it is sought."""
     check_joined_strings(range(20), 1e-12)

@@ -12,6 +12,7 @@ from bench.scenes.choirs import board, choir, string
 from engine.bodies import String
 
 
+@pytest.mark.hard
 def test_a_choir_on_a_board_has_the_right_pitch_and_decay():
     """With two substeps, partials 1 to 12 of three strings on a board of 261 modes."""
     scene = engine.Scene.model_validate(choir())

@@ -61,6 +61,7 @@ def one(player: Player, n: int) -> None:
     voice_allocator.VoiceAllocator(player).play(midi_notes.Note(0.0, "on", 60 + n, 64), DUE[n])
 
 
+@pytest.mark.hard
 def test_a_glide_has_all_its_steps_in_any_block():
     """And a strike told after it, for a frame before its end, does not wait for it."""
 

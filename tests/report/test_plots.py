@@ -129,6 +129,7 @@ def test_units_have_prefixes(value, text):
     assert figures.si_text(value, "J") == text
 
 
+@pytest.mark.hard
 def test_a_whole_picture_is_written_whatever_its_title(ball, tmp_path):
     from matplotlib.image import imread
 
@@ -138,6 +139,7 @@ def test_a_whole_picture_is_written_whatever_its_title(ball, tmp_path):
     assert all((edge == 1.0).all() for edge in edges), "something is cut"
 
 
+@pytest.mark.hard
 def test_names_of_settings_cover_no_other_and_are_not_cut():
     """Eight settings, some of them at nearly the same place, one in a corner."""
     places = [(10, 1e-1), (10.5, 1.1e-1), (10.7, 9e-2), (12, 1e-1), (20, 1e-2), (21, 1e-2), (300, 1e-6), (295, 1.1e-6)]
@@ -170,7 +172,7 @@ def noisy_rendering(begin: float, seconds: float) -> SimpleNamespace:
     return SimpleNamespace(audio=audio, samplerate=rate, trace=trace)
 
 
-@pytest.mark.hard_for("0.2-True")
+@pytest.mark.hard
 @pytest.mark.parametrize(("seconds", "shown"), [(0.001, False), (0.2, True)])
 def test_iterations_have_a_panel_only_where_it_would_show_something(seconds, shown, tmp_path, monkeypatch):
     """One blow of a millisecond is a line at the edge of four seconds; the picture of the contact below has it."""
@@ -217,6 +219,7 @@ def test_contacts_that_would_overlap_are_not_shaded_twice():
 SLOWER = [(ending, style) for ending in (".pdf", ".svg", ".PNG") for style in ("screen", "paper")][:-1]
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize(
     ("ending", "style"), [(".PNG", "paper"), *(pytest.param(*case, marks=pytest.mark.hard) for case in SLOWER)]
 )
@@ -232,6 +235,7 @@ def test_pictures_are_written_in_the_format_of_their_name(tmp_path, ending, styl
     assert len(list(tmp_path.iterdir())) == 2
 
 
+@pytest.mark.hard
 def test_a_picture_for_paper_is_as_wide_as_a_column_with_letters_of_eight_points(ball, tmp_path):
     """3.4 inches are 244.8 points. Letters are TrueType, as publishers want them, and there is no title."""
     plots.plot_rendering(ball, "Noise", tmp_path / "ball.pdf", None, "paper")
@@ -273,6 +277,7 @@ def test_pictures_that_cannot_be_are_refused(capsys, command, words, says):
     assert capsys.readouterr().err == f"fdh {says}\n"
 
 
+@pytest.mark.hard
 def test_a_rendering_saves_its_picture_for_paper(ball, tmp_path):
     for name in ("ball.pdf", "ball.svg"):
         assert ball.save(tmp_path / name, style="paper") == 0.0

@@ -168,6 +168,7 @@ def same(folder: Path, other: Path) -> None:
     assert {p.name: p.read_bytes() for p in folder.iterdir()} == {p.name: p.read_bytes() for p in other.iterdir()}
 
 
+@pytest.mark.hard
 def test_sounds_of_another_gain_are_rendered_again(lyre, tmp_path, alone, monkeypatch):
     """The loudest failed at first; when it does not, the gain is another one."""
     folder, failed = tmp_path / "set", RenderResult(None, {}, "no memory")
@@ -211,6 +212,7 @@ def test_a_patch_without_a_keyboard_is_tuned_as_its_voices_are(tmp_path, alone):
 # --- SFZ
 
 
+@pytest.mark.hard
 def test_every_key_and_velocity_has_one_region(lyre, tmp_path, alone, capsys):
     folder = tmp_path / "set"
     words = ["--notes", "C3..C5/11", "--velocities", "3", "--sfz", "--seconds", "0.1", "--hold", "0.05"]
@@ -268,6 +270,7 @@ def test_notes_and_velocities_are_read(lyre):
     assert parse_velocities("127,40").bounds == (40, 127)
 
 
+@pytest.mark.hard
 def test_a_range_is_of_the_keys_that_the_instrument_has(lyre, tmp_path, capsys):
     """Those that it has not are named; with white keys only, beyond its ends, in steps, and beside others."""
     white = tmp_path / "white.toml"

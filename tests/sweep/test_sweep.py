@@ -36,6 +36,7 @@ BELL = "body.bell.frequency=700,44000"  # the second is above the Nyquist freque
 NAMES = [f"000{n}_marble.displacement={value}.wav" for n, value in enumerate(("0.0001", "0.000316228", "0.001"), 1)]
 
 
+@pytest.mark.hard
 def test_a_grid_on_two_processes(tmp_path, capsys):
     """One sound and one row each, the same samples as of a single render; what fails does not stop the rest."""
     folder = tmp_path / "out"
@@ -127,6 +128,7 @@ def test_more_points_change_the_gain_of_all(tmp_path):
             assert level == pytest.approx(float(row["peak"]) * 10 ** (more.gain_db / 20), rel=1e-3)
 
 
+@pytest.mark.hard
 def test_a_folder_of_an_earlier_version_is_left_alone(tmp_path, capsys):
     """Its sounds were called 0001.wav, and each had a level of its own."""
     swept(tmp_path, NEAR)
@@ -142,6 +144,7 @@ def test_a_folder_of_an_earlier_version_is_left_alone(tmp_path, capsys):
     assert len(engine.read_sweep(tmp_path).peak) == 3
 
 
+@pytest.mark.hard
 def test_only_what_is_missing_changed_or_failed_is_rendered_again(tmp_path):
     whole = swept(tmp_path, NEAR, BELL)[0]
     assert (whole.points, whole.done, whole.failed, whole.exit_code) == (6, 3, 3, 1)

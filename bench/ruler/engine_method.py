@@ -16,8 +16,12 @@ MAX_SECONDS = 2.0  # of all runs
 EMPTY_CALLS = 20  # of which the fastest is what a call costs
 
 
-def simulate_by_engine(name: str, **accuracy: float) -> Trajectory:
-    """The trajectory of a problem by the engine. accuracy: settings of Accuracy; friction has order 2 alone"""
+def simulate_by_engine(name: str, kernel: str = "special", **accuracy: float) -> Trajectory:
+    """The trajectory of a problem by the engine.
+
+    kernel:   special, that of the problem, whose time is its own; or general, which need not be compiled
+    accuracy: settings of Accuracy; friction has order 2 alone
+    """
     scene = ruler_scene(name)
     if scene.friction and "max_error" in accuracy:
         accuracy["order"] = 2
@@ -26,13 +30,13 @@ def simulate_by_engine(name: str, **accuracy: float) -> Trajectory:
     frames = round(scene.seconds * SAMPLERATE)
     settings = accuracy | {"silence": -np.inf, "iterations": 200}
     seconds = (frames + 1) / SAMPLERATE  # a rendering has the state before each step
-    rendering = engine.render(scene, seconds, trace=True, cores=1, kernel="special", **settings)
+    rendering = engine.render(scene, seconds, trace=True, cores=1, kernel=kernel, **settings)
     trace = rendering.trace
     return Trajectory(
         displacement=rendering.audio[:, 0],
         force=np.concatenate([trace["force"][1:], 0.0 - trace.get("friction", trace["force"][:, :0])[1:]], axis=1),
         energy=trace["kinetic"] + trace["potential"] + trace["contact"],
-        seconds=time_engine(scene, settings, frames),
+        seconds=time_engine(scene, settings, frames, kernel),
     )
 
 
@@ -44,12 +48,12 @@ def time_render(simulation: Simulation, audio: np.ndarray) -> float:
     return time.process_time() - begin
 
 
-def time_engine(scene: engine.Scene, settings: dict, frames: int) -> float:
+def time_engine(scene: engine.Scene, settings: dict, frames: int, kernel: str) -> float:
     """Return the processor time, s, that the engine takes for so many frames, the call apart."""
     best, total, out = np.inf, 0.0, np.zeros((frames, 1))
     for _ in range(RUNS):
         model, state, _ = build(scene, SAMPLERATE, scene.accuracy.replace(**settings))
-        simulation = Simulation(model, state, 1, measure_energy=False, kernel="special")
+        simulation = Simulation(model, state, 1, measure_energy=False, kernel=kernel)
         idle = min(time_render(simulation, out[:0]) for _ in range(EMPTY_CALLS))
         taken = time_render(simulation, out)
         best, total = min(best, taken - idle), total + taken

@@ -71,7 +71,9 @@ def test_what_blows_up_is_said_to(known):
 @pytest.mark.parametrize("name", ["barrier", "hammer_c4", "walls"])
 def test_the_engine_is_near_the_references(name):
     problem, reference = problems.load_problem(name)
-    once, fine = (problems.score(problem, reference, simulate_by_engine(name, order=4, substeps=n)) for n in (1, 8))
+    once, fine = (
+        problems.score(problem, reference, simulate_by_engine(name, "general", order=4, substeps=n)) for n in (1, 8)
+    )
     assert once.motion <= {"barrier": 1e-11, "hammer_c4": 1e-4, "walls": 2e-3}[name]
     assert fine.motion <= {"barrier": 1e-13, "hammer_c4": 2e-6, "walls": 1e-6}[name]
     assert fine.force <= 1e-5 and fine.pull == 0.0 and fine.energy <= 1e-13
@@ -79,7 +81,7 @@ def test_the_engine_is_near_the_references(name):
 
 @pytest.mark.hard
 def test_an_exact_energy_is_not_an_exact_motion():
-    row = problems.score(*problems.load_problem("walls"), simulate_by_engine("walls", order=2, substeps=1))
+    row = problems.score(*problems.load_problem("walls"), simulate_by_engine("walls", "general", order=2, substeps=1))
     assert row.energy <= 1e-13
     assert 0.1 < row.motion < 0.2
 

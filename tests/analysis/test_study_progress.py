@@ -6,9 +6,9 @@ import pytest
 from conftest import ROOT
 
 import engine
-from engine.analysis import study_progress
+from engine.analysis import study_progress, work_precision
 from engine.analysis.study_progress import StudyProgress, StudyRun
-from engine.analysis.work_precision import measure_work_precision
+from engine.analysis.work_precision import measure_work_precision, settings_ladder
 
 LADDER = [1, 20, 16, 10, 5, 4, 2, 2, 1, 1]  # stages of a sample, in the order of a study
 REFERENCES = [36, 36, 72, 72, 144, 144]
@@ -99,6 +99,8 @@ def test_references_that_are_not_needed_shorten_it(monkeypatch):
 @pytest.mark.hard
 def test_a_study_names_its_phases(monkeypatch):
     monkeypatch.setenv("FDH_KERNEL", "general")
+    without_float32 = [rung for rung in settings_ladder(False) if "precision" not in rung.changes]  # minutes to compile
+    monkeypatch.setattr(work_precision, "settings_ladder", lambda *told: without_float32)
     phases, shares = [], []
 
     def report(share, phase, left):

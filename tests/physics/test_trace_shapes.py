@@ -197,7 +197,8 @@ def test_every_kind_of_body_is_recorded():
 FINER = [{"substeps": 3}, {"order": 4}, {"max_error": 1e-2}, {"least_detuning": 0.0}, {"silence": -40.0}]
 
 
-@pytest.mark.parametrize("accuracy", [{}, *(pytest.param(more, marks=pytest.mark.hard) for more in FINER)])
+@pytest.mark.hard
+@pytest.mark.parametrize("accuracy", [{}, *FINER])
 def test_recorders_leave_the_samples_of_bodies_of_all_kinds_together_as_they_are(accuracy, monkeypatch):
     one_or_all = [names for names in RECORDERS if len(names) in (1, len(RECORDERS[-1]))]
     assert_alike(scene_of(*BODIES_OF_KIND), monkeypatch, one_or_all, **accuracy)

@@ -5,6 +5,7 @@ import functools
 import gc
 import os
 import sys
+from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -42,14 +43,20 @@ def pytest_configure() -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Function]) -> None:
-    """Mark those cases of a test as hard that its mark `hard_for` names, and all but those that `hard_but` names."""
-    named, found = set(), set()
+    """Mark those cases of a test as hard or slow that its mark `hard_for` or `slow_for` names, and all but those that
+    `hard_but` or `slow_but` names; with `slow_but_each`, all of the hard but each n-th."""
+    named, found, places = set(), set(), Counter[pytest.Function]()
     for item in items:
-        for mark in (*item.iter_markers("hard_for"), *item.iter_markers("hard_but")):
-            named |= {(item.originalname, case) for case in mark.args}
-            found.add((item.originalname, item.callspec.id))
-            if (item.callspec.id in mark.args) == (mark.name == "hard_for"):
-                item.add_marker("hard")
+        for kind in ("hard", "slow"):
+            for mark in (*item.iter_markers(f"{kind}_for"), *item.iter_markers(f"{kind}_but")):
+                named |= {(item.originalname, case) for case in mark.args}
+                found.add((item.originalname, item.callspec.id))
+                if (item.callspec.id in mark.args) == (mark.name == f"{kind}_for"):
+                    item.add_marker(kind)
+        for mark in item.iter_markers("slow_but_each") if item.get_closest_marker("hard") else ():
+            if places[item.function] % mark.args[0]:
+                item.add_marker("slow")
+            places[item.function] += 1
     unknown = named - found
     if unknown and not any("::" in argument for argument in config.args):
         raise pytest.UsageError(f"cases that are marked and do not exist: {unknown}")

@@ -63,6 +63,7 @@ def test_every_shipped_patch_has_a_level():
         assert isinstance(patch.get("level"), float), name
 
 
+@pytest.mark.slow_for("piano", "guitar")
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.hard) for n in shipped_names()]
 )

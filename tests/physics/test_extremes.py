@@ -61,12 +61,14 @@ def test_bodies_that_stretch_are_joined_and_rub_hold(order, count):
     all_hold(order, count, random_scenes.joined_scene)
 
 
+@pytest.mark.slow_but_each(3)
 @pytest.mark.hard
 @pytest.mark.parametrize("order", [2, 4, 6])
 def test_many_scenes_all_over_the_ranges_hold(order):
     all_hold(order, HARD, random_scenes.scene)
 
 
+@pytest.mark.slow_but_each(3)
 @pytest.mark.hard
 @pytest.mark.parametrize("order", [2, 4, 6])
 def test_many_bodies_that_stretch_are_joined_and_rub_hold(order):

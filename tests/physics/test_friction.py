@@ -153,6 +153,7 @@ def test_a_bow_that_is_lifted_lets_the_string_fly_free():
     assert np.all(np.diff(trace["supplied"][after]) == 0.0)
 
 
+@pytest.mark.slow_but_each(3)
 @pytest.mark.hard
 @pytest.mark.parametrize("position", POSITIONS)
 def test_a_bow_has_the_range_that_schelleng_found(position):

@@ -188,6 +188,7 @@ def test_a_look_at_the_motion_leaves_the_samples_as_they_are():
 # --- everywhere the same
 
 
+@pytest.mark.slow_but_each(2)
 @pytest.mark.hard_but("bouncing_ball", "piano_c4", "bass_frets", "rattle", "slack_bass", "marimba")
 @pytest.mark.parametrize("path", PATCHES, ids=lambda path: path.stem)
 def test_shipped_patches_move_as_far_as_their_models_hold(path):

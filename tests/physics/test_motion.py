@@ -100,10 +100,11 @@ def test_small_scenes_move_as_the_integrator_says(seed):
 
 
 @pytest.mark.hard
-def test_a_hundred_small_scenes_move_as_the_integrator_says():
+@pytest.mark.parametrize("seeds", [range(20), pytest.param(range(20, 100), marks=pytest.mark.slow)])
+def test_many_small_scenes_move_as_the_integrator_says(seeds):
     """Within 1e-3; or where they are so sensitive that they are not, eight times nearer with four times the steps."""
-    errors = np.array([moves_as_integrated(seed) for seed in range(100)])
-    sensitive = np.flatnonzero(errors > 1e-3)
-    assert len(sensitive) <= 5
-    for seed in sensitive.tolist():
+    errors = {seed: moves_as_integrated(seed) for seed in seeds}
+    sensitive = [seed for seed, error in errors.items() if error > 1e-3]
+    assert len(sensitive) <= len(seeds) / 20
+    for seed in sensitive:
         assert moves_as_integrated(seed, 64) <= errors[seed] / 8

@@ -126,6 +126,7 @@ def hard_beyond(kept: tuple[int, ...], count: int) -> list[Any]:
     return [seed if seed in kept else hard(seed) for seed in range(count)]
 
 
+@pytest.mark.slow_but_each(4)
 @pytest.mark.hard
 @pytest.mark.parametrize("seed", hard_beyond((1, 4, 5, *FORMERLY_REVERSED), 72))
 def test_a_stretching_string_joined_to_a_body_moves_as_its_equation_says(seed):
@@ -152,6 +153,7 @@ def test_errors_of_a_joined_string_fall_with_the_square_of_the_substep(seed):
     assert errors[0] <= 3e-3 and all(fine <= max(coarse / 10.0, 1e-8) for coarse, fine in pairwise(errors)), errors
 
 
+@pytest.mark.slow_but_each(3)
 @pytest.mark.hard
 @pytest.mark.parametrize("seed", range(24))
 def test_a_string_released_at_once_moves_as_its_equation_says(seed):
@@ -202,6 +204,7 @@ def touch_joined_string(seed: int, by: str) -> dict:
     return scene | {"contact": [frets], "force": [down]}
 
 
+@pytest.mark.slow_but_each(5)
 @pytest.mark.hard
 @pytest.mark.parametrize("seed", hard_beyond((9,), 24))
 @pytest.mark.parametrize("by", ["hammer", "bow", "frets"])
@@ -235,6 +238,7 @@ def test_a_string_on_a_moving_end_is_never_turned_back():
         assert error_of(rendering.audio, reference) <= most, settings
 
 
+@pytest.mark.slow_but_each(4)
 @pytest.mark.hard
 @pytest.mark.parametrize("modes", [12, 16, 20, 40, 60])
 @pytest.mark.parametrize("axial_stiffness", [1e3, 3e3, 1e4])
@@ -315,6 +319,7 @@ def test_a_blow_gives_the_same_sound_at_any_frame(way):
     assert_same_at_frames(way, THINNED)
 
 
+@pytest.mark.slow_but_each(5)
 @pytest.mark.hard
 @pytest.mark.parametrize(
     "settings", [{}, {"substeps": 4}, {"order": 4}, {"max_error": 1e-4, "max_substeps": 16}], ids=str
@@ -489,6 +494,7 @@ def test_errors_of_glides_and_forces_fall_with_the_square_of_the_substep(effect)
     assert_converges(act_on("oscillator", EFFECTS[effect]))
 
 
+@pytest.mark.slow_but_each(3)
 @pytest.mark.hard
 @pytest.mark.parametrize("bodies", OTHER_BODIES)
 @pytest.mark.parametrize("effect", EFFECTS)

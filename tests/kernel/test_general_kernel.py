@@ -21,8 +21,8 @@ from engine.runtime import kernel_choice
 
 SECONDS = 0.25
 HARD, SLOW = (partial(pytest.param, marks=mark) for mark in (pytest.mark.hard, pytest.mark.slow))
-MANY_EFFECTS = ["piano", "piano_choir", "tanpura_drone", "kalimba_keys", "rattle", "driven_ball"]  # all, together
-OTHERS = sorted({path.stem for path in PATCHES} - {"bouncing_ball", *MANY_EFFECTS})  # minutes of compiling
+FEW = ["bouncing_ball", "kalimba_keys", "rattle"]  # of many effects together
+OTHERS = sorted({path.stem for path in PATCHES} - set(FEW))  # minutes of compiling
 OF_EFFECTS = [("loss",), ("force", "contact"), ("gravity", "contact", "contact loss"), ("loss", "events")]
 
 
@@ -43,19 +43,20 @@ def assert_same(special: engine.Rendering, general: engine.Rendering) -> None:
     assert special.stats.effects == general.stats.effects
 
 
-@pytest.mark.parametrize("name", [*map(HARD, ["bouncing_ball", *MANY_EFFECTS]), *map(SLOW, OTHERS)])
+@pytest.mark.parametrize("name", [*map(HARD, FEW), *map(SLOW, OTHERS)])
 def test_every_patch_is_the_same_on_both(patch, name):
     assert_same(*both(patch(name)))
 
 
 @pytest.mark.hard
+@pytest.mark.slow_but_each(2)
 @pytest.mark.parametrize("present", OF_EFFECTS, ids="+".join)
 def test_effects_are_the_same_on_both(present):
     assert_same(*both(with_effects(dict.fromkeys([e for e in EFFECTS if e in present], 1.0))))
 
 
 @pytest.mark.hard
-@pytest.mark.parametrize("accuracy", [{"order": 4}, {"substeps": 2}, {"precision": "float32"}], ids=str)
+@pytest.mark.parametrize("accuracy", [{"order": 4}, SLOW({"substeps": 2}), SLOW({"precision": "float32"})], ids=str)
 def test_accuracy_is_the_same_on_both(patch, accuracy):
     assert_same(*both(patch("barrier_cubic"), 0.1, **accuracy))
 
@@ -181,6 +182,7 @@ RUB = {"body": "string", "at": 0.3, "angle": 1.5, "velocity": 0.3, "contact": "t
 
 
 @pytest.mark.hard
+@pytest.mark.slow_for("bow", "strings")
 @pytest.mark.parametrize(
     "scene",
     [
@@ -203,6 +205,7 @@ def test_friction_is_the_same_on_both(scene):
 
 
 @pytest.mark.hard
+@pytest.mark.slow_for("contact")
 @pytest.mark.parametrize(
     "parts",
     [

@@ -101,6 +101,7 @@ SETS = {
 }
 
 
+@pytest.mark.slow_but("a chain")
 @pytest.mark.parametrize("name", mostly_hard(list(SETS)))
 def test_blocks_and_kernels_make_no_difference(name):
     """Special and general kernel, one core and two, blocks of any size: the same samples."""

@@ -57,7 +57,7 @@ def test_finer_settings_err_less_and_cost_more(found):
     assert rows["order 4, 4 ×"]["front"]
 
 
-@pytest.mark.hard
+@pytest.mark.slow  # its kernel is not shipped: compiling takes minutes
 def test_single_precision_is_a_row_and_loses_energy(monkeypatch):
     monkeypatch.setattr(work_precision, "settings_ladder", WHOLE_LADDER)
     rows = {row["setting"]: row for row in measure_work_precision(engine.load(PATCH), seconds=0.05)["rows"]}

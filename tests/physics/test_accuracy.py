@@ -250,7 +250,7 @@ def test_oversampling_is_closer_too():
     assert fine < plain / 5
 
 
-@pytest.mark.hard
+@pytest.mark.slow  # its kernel is not shipped: compiling takes minutes
 def test_single_precision_is_nearly_the_same_and_drifts():
     """Half the memory, and an energy that is only nearly kept: never the default."""
     told = hammer()
@@ -281,7 +281,7 @@ def test_oversampling_is_right_to_the_last_sample(oversample):
     assert np.max(np.abs(audio - wanted)[200:]) <= 1e-9
 
 
-@pytest.mark.hard
+@pytest.mark.slow  # its kernel is not shipped: compiling takes minutes
 def test_single_precision_errs_as_it_says(patch):
     """A free string, to 1e-4 of its peak over a tenth of a second; in contact, the energy to 1e-2 of the largest."""
     string = {"name": "body", "kind": "string", "length": 0.65, "mass": 4e-3, "frequency": 196.0, "sigma0": 0.5}

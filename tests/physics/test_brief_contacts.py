@@ -154,7 +154,7 @@ def test_contacts_of_shipped_patches_that_are_brief_are_named(patch, name):
 
 @pytest.mark.parametrize(
     "settings",
-    [{}, {"substeps": 2}, {"oversample": 2}, pytest.param({"precision": "float32"}, marks=pytest.mark.hard)],
+    [{}, {"substeps": 2}, {"oversample": 2}, pytest.param({"precision": "float32"}, marks=pytest.mark.slow)],
     ids=str,
 )  # the kernel of float32 is not shipped: compiling takes minutes
 @pytest.mark.parametrize("patch", ["rattle", "snare_wires", "tanpura", "bass_frets"])

@@ -398,7 +398,7 @@ def at_once() -> Iterator[None]:
 
 @pytest.mark.hard
 @pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="no alarms")
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_mutated_patches_are_refused_or_render(seed, tmp_path):
     """A thousand for each seed. Those that are valid are built; a few samples are rendered by kernels that many
     share."""

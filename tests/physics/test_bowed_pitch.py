@@ -28,6 +28,7 @@ def strings() -> list:
     return [pytest.param(*key, marks=() if key in QUICK else marks[key[0]]) for key in keys]
 
 
+@pytest.mark.slow_but_each(4)
 @pytest.mark.hard
 @pytest.mark.parametrize(("rate", "pitch", "force", "speed"), strings())
 def test_a_bowed_string_has_the_pitch_that_its_law_says(rate, pitch, force, speed):
@@ -69,6 +70,7 @@ KEYS = [f"{name}{octave}" for octave in range(3, 7) for name in NAMES]
 KEYS = KEYS[KEYS.index("G3") : KEYS.index("E6") + 1]
 
 
+@pytest.mark.slow_but_each(2)
 @pytest.mark.hard
 @pytest.mark.parametrize("velocity", [30, 80, 120])
 @pytest.mark.parametrize(

@@ -432,7 +432,7 @@ def test_a_connection_that_amounts_to_nothing_is_left_out():
     assert without.audio.tobytes() == with_it.audio.tobytes()
 
 
-@pytest.mark.hard  # it compiles for a minute
+@pytest.mark.slow
 def test_single_precision_is_near():
     scene = engine.Scene.model_validate(choir(2, force=[{**PLUCK[0], "body": "string_0"}]))
     double, single = (engine.render(scene, 0.1, precision=p).audio for p in ("float64", "float32"))

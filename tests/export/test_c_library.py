@@ -76,7 +76,8 @@ def played(player, frames):
 
 @pytest.mark.hard
 @needs_compiler
-@pytest.mark.parametrize("name", [*PATCHES, pytest.param("marimba", marks=pytest.mark.slow), *INSTRUMENTS])
+@pytest.mark.slow_for("repelled_oscillator", "marimba")
+@pytest.mark.parametrize("name", [*PATCHES, "marimba", *INSTRUMENTS])
 def test_the_samples_in_c_are_those_of_the_engine(name, library):
     audio, error = library(name).example()
     np.testing.assert_array_equal(audio, engine.render(engine.load(name), seconds=SECONDS, cores=1).audio)
@@ -111,6 +112,7 @@ def test_a_hammer_in_c_strikes_as_in_live_sound(library):
     assert np.abs(expected[1000:]).max() > 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.hard
 @needs_compiler
 def test_a_pluck_in_c_is_that_of_live_sound(library):

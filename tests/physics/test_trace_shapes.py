@@ -184,6 +184,7 @@ def assert_alike(scene, monkeypatch, recorders=RECORDERS, **accuracy):
     assert [names for names in recorders if not np.array_equal(record(scene, names, **accuracy), plain)] == []
 
 
+@pytest.mark.slow_but_each(3)
 @pytest.mark.hard_but("mass", "modes")
 @pytest.mark.parametrize("name", BODIES_OF_KIND)
 def test_recorders_leave_the_samples_of_every_kind_of_body_as_they_are(name, monkeypatch):
@@ -197,6 +198,7 @@ def test_every_kind_of_body_is_recorded():
 FINER = [{"substeps": 3}, {"order": 4}, {"max_error": 1e-2}, {"least_detuning": 0.0}, {"silence": -40.0}]
 
 
+@pytest.mark.slow_but_each(4)
 @pytest.mark.hard
 @pytest.mark.parametrize("accuracy", [{}, *FINER])
 def test_recorders_leave_the_samples_of_bodies_of_all_kinds_together_as_they_are(accuracy, monkeypatch):

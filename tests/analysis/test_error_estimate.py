@@ -169,6 +169,7 @@ pickup = [{body = "c"}]
 """
 
 
+@pytest.mark.hard
 def test_the_command_names_brief_contacts_and_the_error_from_the_first_contact_on(tmp_path, monkeypatch, capsys):
     """Unasked too, though nothing touches in the first twentieth."""
     monkeypatch.chdir(tmp_path)
@@ -340,7 +341,7 @@ def test_the_command_never_says_that_the_error_is_nothing(tmp_path, monkeypatch,
 SLOW_TO_BUILD = "scraped_stick", "sympathetic_strings", "guitar", "toms"
 
 
-@pytest.mark.hard_for("guitar_body", "kalimba_keys", "snare")
+@pytest.mark.hard_for("guitar_body", "kalimba_keys", "snare", "piano", "sitar", "snare_two_heads")
 @pytest.mark.parametrize("name", mostly_hard(shipped_names(), *(set(shipped_names()) - set(SLOW_TO_BUILD))))
 def test_bodies_have_the_same_modes_at_a_finer_rate(name):
     """Each at its frequency and with its loss, the residual ones too, so that only the steps are finer."""

@@ -39,6 +39,17 @@ def string_of(fundamental: float, stiffness: float) -> Partials:
     return Partials(fundamental, stiffness, np.arange(0), np.zeros(0))
 
 
+@pytest.mark.hard_for(
+    "-25.0-21-0.00023",
+    "-25.0-36-8.9e-05",
+    "-25.0-60-0.00029",
+    "0.0-21-0.00023",
+    "0.0-36-8.9e-05",
+    "0.0-60-0.00029",
+    "30.0-21-0.00023",
+    "30.0-36-8.9e-05",
+    "30.0-60-0.00029",
+)
 @pytest.mark.parametrize(("key", "stiffness"), COMPASS)
 @pytest.mark.parametrize("cents", [-25.0, 0.0, 30.0])
 def test_a_string_is_known_by_its_partials_over_the_compass(key, stiffness, cents):
@@ -88,6 +99,7 @@ def test_partials_that_fall_in_two_stages_are_seen_to(key, stiffness):
     assert median_decays(sound, RATE, string_of(fundamental, stiffness)) == pytest.approx((-30.0, -4.0), rel=0.1)
 
 
+@pytest.mark.hard
 def test_a_partial_is_followed_to_the_noise_and_no_further():
     """Noise that stays is no late decay."""
     fundamental = key_frequency(84)
@@ -96,6 +108,7 @@ def test_a_partial_is_followed_to_the_noise_and_no_further():
     assert (early, late) == pytest.approx((-40.0, -40.0), rel=0.15)
 
 
+@pytest.mark.hard
 def test_each_partial_has_its_own_slopes():
     string = string_of(262.0, 2.9e-4)
     sound = stiff_string(262.0, 2.9e-4, early=20.0, late=20.0, without=(3, 7), noise_db=-70.0)

@@ -49,6 +49,7 @@ def note(is_recording: bool = False, **changes) -> Note:
     return Note((strike(**changes), RATE), KEY, is_recording)
 
 
+@pytest.mark.hard_for("spectral_distance")
 @pytest.mark.parametrize("distance", DISTANCES)
 def test_equal_sounds_are_not_apart_at_any_gain(distance):
     assert distance(note(gain=-20.0), note()) == pytest.approx(0.0, abs=0.03)
@@ -75,6 +76,7 @@ def test_channels_that_are_opposite_are_as_loud_as_those_that_are_equal():
     assert spectral_distance(opposite, equal) == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.hard
 def test_a_sound_6_db_louder_or_brighter_is_so_in_noise():
     recorded = note(is_recording=True, noise=0.003)
     assert level_and_brightness(note(gain=6.0), recorded) == pytest.approx((6.0, 0.0), abs=0.2)
@@ -82,7 +84,7 @@ def test_a_sound_6_db_louder_or_brighter_is_so_in_noise():
     assert level + brighter == pytest.approx(6.0, abs=0.3)  # of what is above 2 kHz
 
 
-@pytest.mark.hard_for("0.5")
+@pytest.mark.hard
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_decay_twice_as_fast_or_slow_is_off_by_two_in_every_octave(factor):
     recorded = {10: note(is_recording=True, noise=1e-4, fall=20.0)}

@@ -57,6 +57,7 @@ def test_the_knock_is_what_lies_below_the_fundamental():
         assert knock_level(sound[:, None], RATE, 500.0) == pytest.approx(level, abs=0.3)
 
 
+@pytest.mark.hard
 def test_the_fall_of_a_pitch_is_read():
     """A tone that begins at 130 Hz and falls by 200 cents, after a silence, under a higher one that is softer."""
     t = np.arange(RATE) / RATE

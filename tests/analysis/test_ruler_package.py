@@ -44,6 +44,7 @@ def test_the_package_needs_nothing_of_the_engine(folder):
     assert f'version: "{VERSION}"' in (folder / "CITATION.cff").read_text("utf-8")
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("name", ["barrier", "walls", "stretching_string"])
 def test_the_example_gives_its_row_of_the_board(folder, name):
     (row,) = csv.reader(run(folder, "verlet.py", name).splitlines())

@@ -111,6 +111,7 @@ def test_a_bow_supplies_all_energy_that_its_string_gains():
     assert np.sum(gained - supplied) < -known.energy[0]  # heat
 
 
+@pytest.mark.hard
 @needs_extended_precision
 def test_an_oscillator_on_a_spring_moves_by_sines():
     omega, stiffness, speed = 2000.0, 3e7, 0.7
@@ -126,6 +127,7 @@ def test_an_oscillator_on_a_spring_moves_by_sines():
         assert np.abs(found - exact).max() < 1e-16 * np.abs(exact).max()
 
 
+@pytest.mark.hard
 @needs_extended_precision
 def test_a_mass_falls_on_a_spring_by_parabolas_and_sines():
     stiffness, weight, height = np.longdouble(1e6), np.longdouble(9.81), np.longdouble(1e-4)
@@ -173,6 +175,7 @@ def test_a_contact_that_leaves_fast_has_no_force():
     assert np.abs(found - solution.displacement).max() < 1e-14 * np.abs(found).max()
 
 
+@pytest.mark.hard
 @needs_extended_precision
 def test_touching_without_pressing_is_seen():
     inside = one_mode(omega=1000.0, q=-1e-3 * (1 + 1e-9), barrier=1e-3, exponent=1.5, stiffness=1e9)

@@ -95,6 +95,7 @@ def test_the_pickup_is_at_a_node(silent, at):
     assert told == f'the pickup on "string" is at {at}, where it never moves; give another position'
 
 
+@pytest.mark.hard
 def test_the_pluck_is_at_a_node(silent):
     told = silent("bridge", ("at = 0.37 ", "at = 1.0 "))
     assert told == '"string" is only pushed at 1.0, where it never moves; give another position'

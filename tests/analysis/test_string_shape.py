@@ -8,6 +8,7 @@ import engine
 from engine.analysis.string_shape import PERIODS, string_shape
 
 
+@pytest.mark.hard_for("tanpura")
 @pytest.mark.parametrize("patch", ["piano_c4", "tanpura", "marimba"])
 def test_a_shape_is_what_a_pickup_hears(patch):
     """In contact and in free flight, at the places of the string where pickups are put."""

@@ -93,6 +93,7 @@ def test_a_hammer_that_begins_inside_is_said(hammer, contact, right):
     assert right in said
 
 
+@pytest.mark.hard
 def test_what_begins_beside_or_rests_is_not_said():
     assert warnings(engine.load(PIANO)) == []
     resting = {"displacement": -1e-6}

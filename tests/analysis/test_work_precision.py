@@ -64,11 +64,14 @@ def test_single_precision_is_a_row_and_loses_energy(monkeypatch):
     assert rows["float32 modes"]["energy_error"] > 1e-12 >= rows["order 2, 1 ×"]["energy_error"]
 
 
+@pytest.mark.hard
+@pytest.mark.hard
 def test_the_reference_agrees_with_itself(found):
     assert found["horizon"] == pytest.approx(0.05)  # one oscillator, one barrier: nothing chaotic
     assert found["disagreement"] <= 0.1 * min(row["error"] for row in found["rows"])
 
 
+@pytest.mark.hard
 def test_an_error_of_the_table_is_that_of_a_render(found):
     told = engine.load(PATCH)
     row = next(row for row in found["rows"] if row["setting"] == "order 4, 1 ×")
@@ -133,6 +136,7 @@ def test_other_methods_stand_beside_ours(found):
     assert failed["RK4, 1 ×"] == failed["Störmer-Verlet, 1 ×"] == "blows up"
 
 
+@pytest.mark.hard
 def test_the_first_rebound_is_told(found):
     """Fig. 6's oscillator leaves the barrier as fast as it came: ½v² = ½ω²(y0² - y1²)."""
     speed = 2 * np.pi * 440 * np.sqrt(2e-3**2 - 0.93e-3**2)

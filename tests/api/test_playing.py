@@ -38,7 +38,7 @@ def test_what_is_read_is_what_a_render_gives():
     assert player.frame == len(blocks)
 
 
-@pytest.mark.hard_for("kalimba")
+@pytest.mark.hard_for("kalimba", "tanpura")
 @pytest.mark.parametrize("patch", ["tanpura", "piano_c4", "bouncing_ball", "kalimba"])
 def test_the_level_is_found_so_that_nothing_clips(patch):
     """If the patch gives none."""

@@ -37,6 +37,7 @@ def test_a_rendering_says_in_a_line_what_it_is(traced, plain):
     assert "trace of every sample" in repr(traced)
 
 
+@pytest.mark.hard
 def test_all_panels_are_drawn_over_the_time_of_the_sound(pyplot, traced):
     axes = traced.plot()
     assert len(axes) == 4 and axes[0].get_title() == BALL.title
@@ -120,6 +121,7 @@ def test_a_notebook_shows_sound_picture_and_numbers(pyplot, plain):
     assert pyplot.get_backend() == backend and not pyplot.get_fignums(), "figures of the user's own are left alone"
 
 
+@pytest.mark.hard
 def test_a_rendering_makes_a_page_of_its_scene():
     rendering = engine.render(BALL, samplerate=48_000)
     assert rendering.page() == engine.export_page(BALL, samplerate=48_000)

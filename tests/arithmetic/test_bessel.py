@@ -19,6 +19,7 @@ def exactly(function, orders, arguments):
         return np.array([float(function(int(n), mpmath.mpf(float(x)))) for n, x in zip(orders, arguments, strict=True)])
 
 
+@pytest.mark.hard
 def test_bessel_functions_are_near_those_of_scipy():
     expected = scipy.special.jv(ORDERS[:, None], ARGUMENTS)
     assert np.max(np.abs(bessel_j(ORDERS[:, None], ARGUMENTS) - expected)) < SCIPY_ERROR_J
@@ -26,6 +27,7 @@ def test_bessel_functions_are_near_those_of_scipy():
     assert np.max(np.abs(bessel_j(ORDERS[:, None], ARGUMENTS[low]) - expected[:, low])) < 5e-15
 
 
+@pytest.mark.hard
 def test_bessel_functions_are_right():
     draw = np.random.default_rng(1)
     orders, arguments = draw.integers(0, 121, 300), draw.uniform(0.0, 500.0, 300)
@@ -65,6 +67,7 @@ def test_pairs_are_of_this_order_and_the_next(one, pair):
     assert np.max(np.abs(above - one(ORDERS[:, None] + 1, ARGUMENTS))) < 1e-15
 
 
+@pytest.mark.hard_for("j1-1")
 @pytest.mark.parametrize(("function", "order"), [(j0, 0), (j1, 1)])
 def test_functions_of_large_arrays_are_right(function, order):
     draw = np.random.default_rng(3)

@@ -100,7 +100,7 @@ def test_functions_are_right_to_their_last_digits(function, exact, x, limit):
     assert [float(function(float(one))) for one in x[:50]] == function(x)[:50].tolist()
 
 
-@pytest.mark.hard_for("1")
+@pytest.mark.hard
 @pytest.mark.parametrize("seed", range(3))
 def test_powers_are_right_to_their_last_digits(seed):
     rng = np.random.default_rng(seed)

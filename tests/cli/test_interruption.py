@@ -193,6 +193,7 @@ def test_an_interrupted_mix_keeps_what_is_rendered(song, monkeypatch, capsys, bl
     np.testing.assert_allclose(part[:kept].reshape(kept, -1)[:, 0], expected[:kept, 0], rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.hard
 def test_an_interrupted_instrument_keeps_what_is_rendered_in_a_mix(song, monkeypatch, capsys):
     """Its keys are rendered as those of a score are."""
     monkeypatch.setattr("engine.offline.render.MAX_CHUNK_FRAMES", 1000)

@@ -29,7 +29,7 @@ def render(path, *words: str) -> int:
 # --- in pieces
 
 
-@pytest.mark.hard_for("flac", "ogg", "mp3")
+@pytest.mark.hard
 @pytest.mark.parametrize("kind", ["ogg", "flac", "mp3", "wav", "aiff"])
 def test_a_long_sound_is_written_from_a_thread_with_a_small_stack(tmp_path, kind):
     """libvorbis takes 4 bytes of stack for each frame of one write: 50 s ended the process."""
@@ -46,6 +46,7 @@ def test_a_long_sound_is_written_from_a_thread_with_a_small_stack(tmp_path, kind
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
+@pytest.mark.hard
 def test_a_recording_takes_one_block_of_a_minute(tmp_path):
     made = Recording(tmp_path / "a.ogg", 44_100, 1, None)
     made.write(0.1 * np.sin(np.arange(60 * 44_100) / 20)[:, None])

@@ -64,6 +64,7 @@ def test_powers_are_right_to_half_a_digit(digits):
     assert max(errors(found, exact)) < 0.502
 
 
+@pytest.mark.hard
 def test_whole_powers_of_small_numbers_are_exact():
     x, found = np.arange(1.0, 50.0), np.zeros(49)
     for n in (1.0, 2.0, 3.0):

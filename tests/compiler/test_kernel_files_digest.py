@@ -14,6 +14,7 @@ from engine.compiler.kinds import INT
 from engine.faults import BuildError
 
 
+@pytest.mark.hard
 def test_the_digest_is_of_all_kernel_sources(fresh, tmp_path, monkeypatch):
     shutil.copytree(ROOT / "engine", tmp_path / "engine", ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(cache, "__file__", str(tmp_path / "engine" / "compiler" / "cache.py"))

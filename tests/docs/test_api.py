@@ -26,7 +26,7 @@ def test_every_public_name_is_on_the_page():
     assert all(inspect.getdoc(value) for value in DOCUMENTED.values())
 
 
-@pytest.mark.hard_for("fdh.run_sweep", "Rendering.save", "fdh.read_sweep", "fdh.AudioInput")
+@pytest.mark.hard_for("fdh.run_sweep", "Rendering.save", "fdh.read_sweep", "fdh.AudioInput", "Rendering.plot")
 @pytest.mark.parametrize("name", WITH_EXAMPLES)
 def test_every_example_works(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -97,6 +97,7 @@ def test_every_guide_is_a_page_that_the_navigation_has(built, pages):
     assert {shown_at(built, guide).resolve() for guide in guides()} <= front | {(built / "index.html").resolve()}
 
 
+@pytest.mark.hard
 def test_links_anchors_pictures_and_sounds_lead_somewhere(pages):
     looked_at: Counter[str] = Counter()
     for path, page in pages.items():

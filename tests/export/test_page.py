@@ -341,6 +341,7 @@ def test_what_cannot_become_a_page_is_said_before_anything_is_made(tmp_path, cap
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.hard
 def test_the_command_of_a_page_works_wherever_it_is_read(tmp_path, capsys, monkeypatch):
     """A shipped patch is there by its name alone, in whatever way it was given; one's own is a file."""
     commands = list[str]()

@@ -238,6 +238,7 @@ def test_what_can_have_no_voices_is_said():
         page_of("piano_c4", voices=-1)
 
 
+@pytest.mark.hard
 def test_keys_that_change_two_numbers_of_the_same_tables_or_glide_are_refused():
     for change, message in (
         ({"parameter": "body.string.sigma0", "value": 4.0}, "another number of the same tables"),

@@ -278,7 +278,7 @@ def test_a_fault_of_a_key_that_the_score_does_not_play_is_told_at_its_line(tmp_p
 WRONG_VALUES: list[Any] = [[], [1, 2], {}, {"a": 1}, "x", "= 1/0", True, math.inf, -1, 10**30, {"C4": "x"}, [[1]], "C4"]
 
 
-@pytest.mark.hard_for("1", "0")
+@pytest.mark.hard_for("1", "0", "3")
 @pytest.mark.parametrize("seed", range(4))
 def test_an_instrument_with_values_of_a_wrong_kind_is_refused(load, seed):
     """Wherever they stand, of tables as well as of numbers."""

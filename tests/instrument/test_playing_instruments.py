@@ -296,6 +296,7 @@ def test_a_wheel_that_moves_live_bends_as_one_in_a_file(path):
     assert np.array_equal(replay(allocator.player.log()), out) and allocator.refused == 0
 
 
+@pytest.mark.hard
 def test_bent_keys_sound_as_if_all_bodies_were_built_again(monkeypatch):
     """The wheel moves twice; what it does not bend keeps its modes, and the samples are the same, bit for bit."""
 
@@ -353,6 +354,7 @@ def test_an_instrument_without_pitches_says_that_it_ignores_the_wheel(path, tmp_
     assert scene_of_file(engine.load(path), file).ignored == {"pitch bend": 1}
 
 
+@pytest.mark.hard
 def test_plucked_keys_sound_live(path):
     strike = 'kind = "strike"\nbody = "hammer"\ndisplacement = -1e-3\nvelocity = "= 4*v"\n'
     pluck = 'kind = "pluck"\nbody = "string"\nat = 0.2\namplitude = "= 2*v"\nduration = 0.002\n'

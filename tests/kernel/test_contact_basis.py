@@ -137,7 +137,7 @@ def test_two_bodies_that_touch_at_many_points():
     assert np.all(rendering.trace["force"] >= 0.0)
 
 
-@pytest.mark.hard_for("guitar_frets", "tanpura_drone", "tanpura", "snare_wires")
+@pytest.mark.hard
 @pytest.mark.parametrize("name", ["tanpura", "tanpura_drone", "guitar_frets", "bass_frets", "snare_wires"])
 def test_no_solve_of_a_shipped_patch_is_capped(name):
     stats = engine.render(engine.load(name)).stats

@@ -60,6 +60,7 @@ def test_nobody_waits_for_a_helper_that_has_not_begun():
     assert (state.frame == 64).all() and out.any()
 
 
+@pytest.mark.hard
 def test_helpers_end_with_who_asked_for_them():
     def running() -> int:
         return sum(thread.name.startswith("fdh helper") for thread in threading.enumerate())

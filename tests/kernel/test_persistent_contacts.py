@@ -107,6 +107,7 @@ def test_what_is_found_is_on_the_law_whatever_is_given():
     assert found > 300
 
 
+@pytest.mark.hard
 def test_few_rounds_where_contacts_rest():
     rounds = [solved(*chosen(seed, stretch=1e-2)[0])[0] for seed in range(200)]
     assert np.mean(np.array(rounds) > 0) > 0.9 and np.max(rounds) <= 4

@@ -82,6 +82,7 @@ def test_a_move_is_smoothed():
     assert max(event["frame"] for event in long.log()["events"]) < 1.2 * 44_100
 
 
+@pytest.mark.hard
 def test_a_pitch_wheel_bends_a_string_as_built_so():
     """After the move, the string has the coefficients of one built a fourth higher; energy is in balance, and a replay
     of the log is the same sound, bit for bit."""
@@ -219,6 +220,7 @@ def test_malformed_packets_are_counted_and_never_fatal(server):
     assert opened.remarks() == [f"OSC: {opened.malformed} malformed packets or messages were ignored"]
 
 
+@pytest.mark.hard
 def test_a_flood_is_held(server):
     """10 kHz for half a second: the last number counts, and the sound gets one event a step, not one a message."""
     scene = controlled({"kind": "osc", "address": "/felt", "input": [0, 100]} | {k: FELT[k] for k in
@@ -353,6 +355,7 @@ def scored(*changes: dict) -> engine.Scene:
     return controlled(event=[{"kind": "change"} | change for change in changes])
 
 
+@pytest.mark.hard
 def test_the_score_changes_what_a_control_does():
     """Rendered, with or without a trace, and played, in blocks of any size: the same bits; energy in balance; a replay
     does not do it twice. And the stiffness, by its path or by its contact, is the same event."""

@@ -131,7 +131,7 @@ def draw(seed: int) -> list[tuple[int, bytes]]:
     return sorted(told, key=lambda one: (one[0], one[1][0] & 0xF0 != 0xB0))
 
 
-@pytest.mark.hard_for("0-0.03", "1-0.03", "2-0.03")
+@pytest.mark.hard
 @pytest.mark.parametrize("smoothing", [0.0, 0.03])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_port_told_at_its_frames_gives_the_samples_of_the_file(seed, smoothing, tmp_path, monkeypatch):

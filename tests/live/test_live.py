@@ -294,6 +294,7 @@ def test_what_is_saved_is_heard(tmp_path):
     assert player.finished
 
 
+@pytest.mark.hard
 def test_an_edit_of_the_structure_is_heard_within_0_3_s(tmp_path):
     """The least of four edits that each call for other effects: the machine may be busy with something else."""
     path = tmp_path / "patch.toml"
@@ -446,6 +447,7 @@ def test_a_bad_log_is_refused(change):
         replay(json.loads(json.dumps(player.log() | change)))
 
 
+@pytest.mark.hard
 def test_a_voice_is_as_if_built_at_its_pitch():
     """Bit for bit; and retuning voices that sound keeps the balance of energy."""
     scene = engine.load(PIANO)

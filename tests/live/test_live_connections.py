@@ -19,6 +19,7 @@ BOLT = ROOT / "patches" / "bolt_on_a_string.toml"
 RANGES = {"stiffness": (1e3, 1e7), "damping_coefficient": (1e-2, 1e2), "rest": (-1e-3, 1e-3)}
 
 
+@pytest.mark.hard_for("stiffness+damping_coefficient+rest")
 @pytest.mark.parametrize("keys", [["stiffness"], ["damping_coefficient"], ["rest"], list(RANGES)], ids="+".join)
 def test_a_sweep_keeps_the_balance_of_energy(keys):
     """Of stiffness and damping over 4 decades, and of the rest over 2 mm; and a replay is the same."""
@@ -85,6 +86,7 @@ def test_a_voice_on_a_board_sounds_as_built_at_its_pitch(ratio):
     compare_voices(scene, ratio, lambda player, voice: player.strike(f"hammer_{voice}", velocity=2.0))
 
 
+@pytest.mark.hard_for("True-1.5-end_force")
 @pytest.mark.parametrize("quantity", ["velocity", "tension", "end_force"])
 @pytest.mark.parametrize("ratio", [1.0, 1.5])
 @pytest.mark.parametrize("is_joined", [False, True])

@@ -86,6 +86,7 @@ def test_voices_have_the_levels_of_a_rendering(tmp_path):
     assert np.abs(sound - (wanted * GAIN).astype(np.float32)).max() <= 3e-7 * np.abs(sound).max()
 
 
+@pytest.mark.hard
 def test_a_sound_of_one_channel_is_as_loud_on_both(tmp_path):
     """On a device of two channels, a patch of one follows volume alone, as its rendering does."""
     (tmp_path / "bars.toml").write_text(BARS.replace("CHANNEL", "1"), "utf-8")

@@ -275,6 +275,7 @@ def test_outputs_are_listed_without_the_driver_of_ports(monkeypatch, capsys, pyt
     assert written.err.count("\n") == 1 and ("C++ compiler" in written.err) == (python > (3, 13))
 
 
+@pytest.mark.hard
 def test_what_is_wrong_with_notes_is_said(tmp_path, capsys):
     (tmp_path / "no.mid").write_bytes(b"no notes")
     cases = {"none": "cannot be read as MIDI", "no": "cannot be read as MIDI", "empty": "has no notes"}

@@ -215,6 +215,7 @@ def test_names_of_tracks_are_as_they_were_written(tmp_path):
 # --- several patches
 
 
+@pytest.mark.hard
 def test_a_mix_is_the_sum_of_its_parts(rods, tmp_path, capsys):
     """In SI units, each as it is alone; the shorter one is followed by silence."""
     (tmp_path / "low.toml").write_text(RODS.replace("damping_rate = 3.0", "damping_rate = 9.0"), "utf-8")

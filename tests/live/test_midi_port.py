@@ -170,6 +170,7 @@ def test_reset_all_controllers_lifts_the_pedals_of_all_channels(keyboard, pedal)
     assert keys.levels(cc(121))[0] < ENDED * before
 
 
+@pytest.mark.hard
 def test_reset_all_controllers_puts_the_wheel_of_its_channel_in_the_middle(keyboard):
     keys = keyboard(mpe_lower=15, mpe_bend_range=2.0)
     assert keys.pitch(wheel(8191, 2), wheel(-8192, 3), on(C4, 2)) == pytest.approx(2.0, abs=0.03)
@@ -284,6 +285,7 @@ def test_no_more_than_some_messages_are_taken_at_once_and_none_is_lost(driver):
     assert [note.number for note, _ in played.notes] == [message.note for message in sent]
 
 
+@pytest.mark.hard_for("voices")
 def test_a_port_that_vanishes_lets_its_notes_go_and_plays_when_it_is_back(keyboard, driver, monkeypatch):
     monkeypatch.setattr(midi_port, "LOOK_SECONDS", 0.0)
     keys = keyboard()

@@ -133,6 +133,7 @@ def noise(chance: random.Random) -> bytes:
     return data[: chance.randrange(len(data) + 1)] if chance.random() < 0.1 else data
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("count", [3_000, pytest.param(100_000, marks=pytest.mark.hard)])
 def test_noise_neither_stops_nor_slows_what_comes_after_it(start, count):
     """No packet takes 50 ms, and none of what it says is fatal to the sound."""

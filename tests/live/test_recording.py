@@ -57,6 +57,7 @@ def test_a_recording_is_what_was_written(tmp_path):
     assert made.is_complete and not made.lines and [p.name for p in tmp_path.iterdir()] == ["a.wav"]
 
 
+@pytest.mark.hard_for("mp3")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_full_disk_keeps_what_was_written(tmp_path, capsys, kind):
     """Under its name, as a file that can be played; one line says so, at once and once."""

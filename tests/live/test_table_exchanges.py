@@ -56,7 +56,7 @@ def hears_accelerations(scene: engine.Scene) -> bool:
     return bool(np.any(player.model.pickups.quantity == Quantity.ACCELERATION))
 
 
-@pytest.mark.hard_for("guitar_body", "toms", "scraped_stick", "violin", "snare")
+@pytest.mark.hard
 @pytest.mark.parametrize("name", ["marimba", "guitar_body", "violin", "snare", "scraped_stick", "toms"])
 def test_new_tables_do_not_click(name: str) -> None:
     scene = engine.load(name)

@@ -88,6 +88,7 @@ def test_setting_waits_for_no_tables_and_the_samples_are_the_same_each_time(slow
     np.testing.assert_array_equal(replay(json.loads(json.dumps(player.log()))), np.concatenate(heard[-1]))
 
 
+@pytest.mark.hard
 def test_while_one_thread_renders_the_tables_of_another_are_made_beside(slow_tables):
     """The blocks do not wait; what was set while tables were made is merged, and a replay is the same."""
     player = Player(string_on_board(), seconds=math.inf, gain=1e-3)

@@ -50,6 +50,7 @@ def tables() -> dict[str, dict]:
     return {"patch": reference_page.top_level(whole), **whole["definitions"]}
 
 
+@pytest.mark.hard
 def test_the_committed_schema_and_reference_are_those_of_the_models(capsys):
     assert main.main(["schema"]) == 0
     assert capsys.readouterr().out == SCHEMA.read_text("utf-8"), "fdh schema > patches/patch.schema.json"
@@ -68,6 +69,7 @@ def test_every_patch_names_its_schema_and_keeps_to_it():
             assert directive == "#:schema" and (path.parent / way).samefile(SCHEMA)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize(
     "data",
     [
@@ -114,6 +116,7 @@ def test_every_number_has_a_unit_or_needs_none():
     assert seen | {"points", "order"} == DIMENSIONLESS
 
 
+@pytest.mark.hard
 def test_the_reference_has_every_key():
     text = reference_page.reference_page()
     for table in tables().values():
@@ -122,6 +125,7 @@ def test_the_reference_has_every_key():
     assert "| `length` | m | > 0, ≤ 10000 | required | length |" in text
 
 
+@pytest.mark.hard
 def test_params_lists_every_number_by_its_path(capsys):
     path = str(ROOT / "patches" / "piano_c4.toml")
     assert main.main(["params", path, "--json"]) == 0
@@ -205,7 +209,7 @@ def test_templates_sound_at_once(path):
     assert rendering.stats["energy"]["error_max"] < 1e-11
 
 
-@pytest.mark.hard_for("piano-keys0", "guitar-keys1")
+@pytest.mark.hard_for("piano-keys0", "guitar-keys1", "kalimba-keys2")
 @pytest.mark.parametrize(
     ("name", "keys"),
     [

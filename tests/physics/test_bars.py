@@ -40,6 +40,7 @@ def test_cords_are_nearly_springs_at_the_nodes():
     assert np.sqrt(np.mean((a - b) ** 2)) < 0.01 * np.sqrt(np.mean(a**2))
 
 
+@pytest.mark.hard
 def test_a_mallet_rebounds_from_a_free_bar():
     """Against SciPy's DOP853 of the same bar; one that could not move as a whole would throw it back faster."""
     result = engine.render(

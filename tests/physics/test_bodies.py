@@ -208,6 +208,7 @@ def test_shapes_of_strings_are_orthonormal():
     np.testing.assert_allclose(shapes.T @ (shapes * (3.93e-3 * w / 2)[:, None]), np.eye(25), atol=1e-13)
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("body", [membrane(size=[0.5, 0.3]), plate(modes=60)], ids=["membrane", "plate"])
 def test_shapes_of_rectangles_are_orthonormal(body):
     own = body.modal_body(math.inf)

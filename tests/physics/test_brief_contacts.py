@@ -129,7 +129,7 @@ def test_touches_are_counted_across_blocks():
     assert contact.touches == rendering.contacts["contact.0"].touches > 100
 
 
-@pytest.mark.hard_for("1")
+@pytest.mark.hard_for("1", "7")
 @pytest.mark.parametrize("frames", [1, 7, 64])
 def test_they_are_the_same_in_blocks_of_any_size(frames, monkeypatch):
     told = engine.load("snare_wires")
@@ -146,12 +146,14 @@ def test_contacts_of_shipped_patches_that_are_resolved_are_not_named(patch):
     assert engine.render(engine.load(patch), seconds=0.1).stats.brief_contacts == []
 
 
+@pytest.mark.hard_for("sitar-C4_jawari")
 @pytest.mark.parametrize(("patch", "name"), [("rattle", "knock"), ("sitar", "C4_jawari"), ("buzzing_reed", "brass")])
 def test_contacts_of_shipped_patches_that_are_brief_are_named(patch, name):
     named = engine.render(engine.load(patch), seconds=0.5).stats.brief_contacts
     assert name in [contact.contact for contact in named]
 
 
+@pytest.mark.hard_for("snare_wires-{'substeps': 2}", "snare_wires-{'oversample': 2}")
 @pytest.mark.parametrize(
     "settings",
     [{}, {"substeps": 2}, {"oversample": 2}, pytest.param({"precision": "float32"}, marks=pytest.mark.slow)],

@@ -28,7 +28,7 @@ def build_body(body: dict[str, Any], **more: Any) -> Any:
         assert time.process_time() - begin < SECONDS
 
 
-@pytest.mark.hard_for("high ribs", "modes of a board", "modes of a board with ribs")
+@pytest.mark.hard_for("high ribs", "modes of a board", "modes of a board with ribs", "highest ribs")
 @pytest.mark.parametrize(
     ("body", "message"),
     [

@@ -90,6 +90,7 @@ def everything() -> engine.Rendering:
     return engine.render(text_scene(EVERYTHING), trace=True)
 
 
+@pytest.mark.hard
 def test_the_ledger_closes_with_everything_on():
     rendering = everything()
     assert np.isfinite(rendering.audio).all()

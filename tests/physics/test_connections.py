@@ -45,6 +45,7 @@ def test_a_mass_on_a_spring_on_a_string_has_the_right_pitch(stiffness):
         assert pitch.max() <= 1.5 * part
 
 
+@pytest.mark.hard_for("192000-10000.0-0.2-0.6", "192000-1000000000.0-1.0-1.7")
 @pytest.mark.parametrize(("samplerate", "stiffness", "least", "most"), [
     (44_100, 1e4, 1.0, 2.5), (44_100, 1e9, 4.0, 7.0), (192_000, 1e4, 0.2, 0.6), (192_000, 1e9, 1.0, 1.7),
 ])  # fmt: skip

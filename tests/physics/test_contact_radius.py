@@ -118,6 +118,7 @@ def test_a_contact_feels_the_mean_of_what_it_covers(table, at):
     np.testing.assert_allclose(modal.shape(Tip(at, radius)), right, atol=2e-3 * np.abs(modal.shape(at)).max())
 
 
+@pytest.mark.hard
 def test_what_a_membrane_gives_way_beyond_its_modes_is_that_of_many():
     """Σ Φ²/ω² of averaged modes between two frequencies, in the middle of a large head."""
     told = scene([head("conga", modes=20_000)], pickup=[{"body": "head", "at": [0.5, 0.5]}])

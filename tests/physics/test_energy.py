@@ -26,6 +26,7 @@ def test_lossless_patches_keep_their_energy(patch, name, scheme):
     assert rendering.trace["contact"].max() > 0.01 * total.max(), "there was no collision to speak of"
 
 
+@pytest.mark.hard
 @pytest.mark.parametrize("scheme", ["exact", "fdh"])
 def test_a_minute_of_collisions_keeps_its_energy(patch, scheme):
     """26 000 collisions of Fig. 6."""
@@ -55,6 +56,7 @@ def test_the_ledger_closes(path, scheme):
     assert rendering.stats["newton"]["reversed_steps"] == 0
 
 
+@pytest.mark.hard_for("tanpura")
 @pytest.mark.parametrize("name", ["driven_ball", "lossy_bounce", "marble_on_a_bell", "buzzing_reed", "tanpura"])
 def test_energy_never_rises_while_none_is_supplied(patch, name):
     """Sample by sample, from the trace."""

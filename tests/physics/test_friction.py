@@ -191,6 +191,7 @@ def test_two_bows_on_one_string_are_solved_together():
     assert np.ptp(balance) <= 1e-13 * max(trace["supplied"][-1], trace["total"].max())
 
 
+@pytest.mark.hard
 def test_a_bow_on_a_string_that_hits_a_fret_keeps_its_energy():
     """Friction and contacts of one string are solved together, and with a tension that rises, too."""
     fret = {"body": "string", "at": 0.5, "barrier": -3e-4, "side": "below", "stiffness": 1e8, "exponent": 1.5}

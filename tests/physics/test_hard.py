@@ -108,7 +108,7 @@ def test_at_rest_in_contact(alpha, s):
     assert abs(out[0]) <= 1e-14 * s
 
 
-@pytest.mark.hard_for("1.5", "2.0", "2.5", "3.0")
+@pytest.mark.hard_for("1.5", "2.0", "2.5", "3.0", "1.0")
 @pytest.mark.parametrize("alpha", EXPONENTS)
 def test_contact_at_a_vibration_node(alpha):
     """B = 0: the body does not give, and the force is that of its own motion."""

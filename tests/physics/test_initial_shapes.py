@@ -140,6 +140,7 @@ def test_a_mode_that_is_not_there_is_refused():
         engine.render(scene([keys(body)], pickup=[{"body": "s", "at": 0.2}], seconds=0.1))
 
 
+@pytest.mark.hard_for("200-circle")
 @pytest.mark.parametrize("kind", ["rectangle", "circle"])
 @pytest.mark.parametrize("modes", mostly_hard([200, 3000], 200))
 def test_the_energy_of_a_cone_does_not_grow_with_the_modes(kind, modes):

@@ -70,6 +70,7 @@ def test_a_pan_keeps_the_power(pan):
     )
 
 
+@pytest.mark.hard
 def test_the_pressure_of_a_drum_is_rayleighs():
     """Far off, p = ρ/(2πr)·d²V/dt²; of the first mode of a circle V = 2πa²·J₁(z)/z times the amplitude of its middle,
     and no mode but the symmetrical ones moves any air."""

@@ -84,6 +84,7 @@ FEW = settings(max_examples=25, deadline=None, derandomize=True, suppress_health
 MANY = settings(FEW, max_examples=500)
 
 
+@pytest.mark.hard
 @settings(FEW, max_examples=8)
 @given(scenes(), SCHEMES)
 def test_the_ledger_closes(scene, scheme):

@@ -441,6 +441,7 @@ def test_a_tom_glides_by_its_stretch():
     assert glide(head | film | bend, [0.5, 0.5], 2.0, 100) == pytest.approx(93.5, abs=1.0)
 
 
+@pytest.mark.hard
 def test_the_slack_bass_falls_by_a_semitone():
     """And the same string, taut and plucked as far, by a quarter of that at most."""
     scene = engine.load("slack_bass")

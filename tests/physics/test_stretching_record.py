@@ -85,6 +85,7 @@ def test_of_two_strings_only_the_loud_one_stretches():
     assert begin == 0.0 and soon < 0.01 and struck == pytest.approx(0.2, abs=0.01) and end > 0.29
 
 
+@pytest.mark.hard
 def test_two_strings_on_a_body_stretch_together():
     """As long as there is energy that the body may carry from one to the other."""
     loud = STRING | {"name": "loud", "displacement": first_mode(amplitude_of(0.05))}

@@ -67,6 +67,7 @@ def test_a_heavy_mass_at_the_end_is_as_a_fixed_end():
     assert np.abs(1200 * np.log2(strings.imag / (2 * math.pi) / f)).max() <= 0.01
 
 
+@pytest.mark.hard
 def test_the_force_on_the_end_of_a_pulled_string_is_its_share():
     """A weight that hangs at x/L pulls the far end with that share of itself; on a spring, by as much as that gives."""
     pull = [{"kind": "constant", "body": "s", "at": 0.3, "amplitude": 2.0}]

@@ -33,6 +33,7 @@ def test_the_tension_rises_by_the_stretch_at_both_ends_of_a_step():
     assert rise[0] / 2 == pytest.approx(stretch[0])
 
 
+@pytest.mark.hard
 def test_only_the_string_that_is_heard_is_heard():
     """A louder string beside it, in the same subsystem and in another one, is not."""
     other = STRING | {"name": "other", "displacement": {"kind": "mode", "number": 1, "amplitude": 6e-3}}

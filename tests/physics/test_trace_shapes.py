@@ -218,6 +218,7 @@ def test_recorders_leave_the_samples_of_bodies_of_all_kinds_together_as_they_are
     "membrane",
     "plate",
     "shell",
+    "bar",
 )
 @pytest.mark.parametrize("name", BODIES_OF_KIND)
 def test_renderings_with_a_trace_have_the_same_samples(name):

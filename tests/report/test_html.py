@@ -177,6 +177,7 @@ def test_many_channels_and_rates_become_what_browsers_play():
     assert soundfile.read(io.BytesIO(html.encode_for_browser(tones[:1], 4000)[0]))[0].shape == (12, 2)
 
 
+@pytest.mark.hard
 def test_a_picture_of_an_oversampled_render_keeps_its_time():
     """The ball lands at √(2·0.2/9.81) = 0.2019 s, and nowhere else in 0.3 s."""
     from matplotlib.figure import Figure

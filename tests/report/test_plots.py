@@ -61,6 +61,7 @@ def test_every_channel_has_a_lane_of_its_own(ball):
     assert [text.get_text() for text in axes.texts] == ["channel 1", "channel 2", "channel 3"]
 
 
+@pytest.mark.hard
 def test_legends_and_colour_bars_stand_beside_the_axes(ball):
     for draw in (plots.plot_energies, plots.plot_spectrogram):
         axes = drawn(draw, ball)

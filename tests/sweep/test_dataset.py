@@ -19,6 +19,7 @@ def found(tmp_path_factory):
     return engine.run_sweep(SCENE, GRID, folder, sounds=True, seconds=SECONDS), folder
 
 
+@pytest.mark.hard
 def test_each_point_is_the_render_at_its_values(found):
     point = found[0].sel({STIFFNESS: 1e9, MASS: 0.004})
     rendering = engine.render(SCENE.replace({STIFFNESS: 1e9, MASS: 0.004}), SECONDS)
@@ -37,6 +38,7 @@ def test_values_and_measures_have_units(found):
     assert dataset.time.values[-1] == pytest.approx(SECONDS - 1 / 44_100)
 
 
+@pytest.mark.hard
 def test_a_folder_is_read_again_and_what_is_there_is_not_rendered_again(found, monkeypatch):
     dataset, folder = found
     assert engine.read_sweep(folder, SCENE, sounds=True).identical(dataset)

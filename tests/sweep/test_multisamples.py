@@ -142,6 +142,7 @@ def test_files_are_the_same_on_two_processes(lyre, tmp_path):
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
 
 
+@pytest.mark.hard
 def test_a_set_that_was_stopped_goes_on_and_ends_the_same(lyre, tmp_path, alone):
     assert sampled(lyre, tmp_path / "whole", *PCM) == 0
     alone.given, alone.most = [], 3

@@ -113,6 +113,7 @@ def test_sounds_of_another_value_take_the_place_of_those_of_before(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {*sounds, "index.csv", "notes.txt"}
 
 
+@pytest.mark.hard
 def test_more_points_change_the_gain_of_all(tmp_path):
     """Those that are there already are brought to it; in files of integers they are rendered again."""
     for subtype, again in (("FLOAT", 0), ("PCM_16", 2)):
@@ -431,6 +432,7 @@ def test_rows_are_of_one_line_each():
     assert index_csv.csv_line([index_csv.format_cell(cell) for cell in (1, 0.1, None, "a,\nb")]) == '1,0.1,,"a, b"\n'
 
 
+@pytest.mark.hard
 def test_rows_that_are_none_of_ours_do_not_count(tmp_path):
     """A huge cell, a file that lies elsewhere, one without a name, numbers beyond all bounds: rendered again."""
     swept(tmp_path / "a", NEAR)
@@ -450,6 +452,7 @@ def test_rows_that_are_none_of_ours_do_not_count(tmp_path):
         assert path.read_bytes() == before
 
 
+@pytest.mark.hard
 def test_a_sound_that_is_no_longer_one_is_rendered_again(tmp_path):
     """Emptied, cut, garbage of the same length, or of another rate."""
     swept(tmp_path, NEAR)

@@ -18,6 +18,7 @@ def found(tmp_path_factory):
     return engine.run_sweep_rows(SCENE, GRID, folder, seconds=SECONDS), folder
 
 
+@pytest.mark.hard
 def test_rows_have_the_numbers_of_the_data_set(found):
     pytest.importorskip("xarray", reason="needs xarray")
     rows, folder = found
@@ -89,6 +90,7 @@ def test_what_is_no_sweep_is_refused_with_the_remedy(tmp_path):
         engine.read_sweep_rows(3)
 
 
+@pytest.mark.hard
 def test_a_row_says_that_its_forces_are_not_to_be_trusted_and_why():
     told = engine.load("snare_wires")
     bad, good = engine.run_sweep_rows(told, {"accuracy.iterations": [2, 6]}, seconds=0.1)

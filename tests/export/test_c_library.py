@@ -84,6 +84,7 @@ def test_the_samples_in_c_are_those_of_the_engine(name, library):
     assert error < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.hard
 @needs_compiler
 def test_steps_chosen_by_error_are_as_many_as_in_a_rendering(tmp_path):

@@ -119,6 +119,7 @@ def test_a_score_with_a_key_that_has_no_bodies_of_its_own_has_rows():
     assert sum(row[0] == EventKind.PLUCK for row in rows) > 0
 
 
+@pytest.mark.slow_but_each(2)
 @pytest.mark.hard
 @needs_fused_node
 @pytest.mark.parametrize("name", [*INSTRUMENTS, "sitar", "toms"])
@@ -166,6 +167,7 @@ def assert_library_plays(library, scene, messages):
     assert np.count_nonzero(audio != expected) == 0
 
 
+@pytest.mark.slow_for("violin")
 @needs_compiler
 @pytest.mark.parametrize("name", [*marked(COMPILED, pytest.mark.hard), *marked(COMPILED_LATER, pytest.mark.slow)])
 def test_a_library_in_c_plays_keys_as_live_sound_does(name, library):
@@ -175,6 +177,7 @@ def test_a_library_in_c_plays_keys_as_live_sound_does(name, library):
             assert_library_plays(library(name), scene, draw_exported_messages(scene, kind, seed, FRAMES))
 
 
+@pytest.mark.slow
 @pytest.mark.hard
 @needs_compiler
 def test_a_library_in_c_plays_keys_that_change_something_later(tmp_path):

@@ -61,7 +61,8 @@ def test_accuracy_is_the_same_on_both(patch, accuracy):
     assert_same(*both(patch("barrier_cubic"), 0.1, **accuracy))
 
 
-@pytest.mark.parametrize("accuracy", [HARD({}), SLOW({"order": 4}), SLOW({"precision": "float32"})], ids=str)
+@pytest.mark.slow
+@pytest.mark.parametrize("accuracy", [{}, {"order": 4}, {"precision": "float32"}], ids=str)
 def test_joined_bodies_are_the_same_on_both(accuracy):
     assert_same(*both(engine.Scene.model_validate(struck_choir()), 0.1, **accuracy))
 

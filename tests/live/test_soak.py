@@ -23,6 +23,7 @@ def resident_mebibytes() -> float:
     return int(STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
+@pytest.mark.slow_but_each(2)
 @pytest.mark.hard
 @pytest.mark.skipif(not STATM.exists(), reason="no /proc")
 @pytest.mark.parametrize(("is_logged", "hours"), [(False, 2.0), (True, 0.5)])

@@ -64,6 +64,7 @@ def test_new_tables_do_not_click(name: str) -> None:
     assert_no_click(scene, chosen_paths(scene, 2))
 
 
+@pytest.mark.slow_but_each(2)
 @pytest.mark.hard
 @pytest.mark.parametrize("path", PATCHES, ids=lambda path: path.stem)
 def test_new_tables_click_on_no_patch(path) -> None:

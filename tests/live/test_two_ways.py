@@ -75,6 +75,7 @@ def test_repeated_keys_give_the_samples_of_the_file_in_any_block(name: str, tmp_
     assert_same_two_ways(name, "repeated", 1, FRAMES // 2, (BY_SAMPLE, *WAYS), tmp_path)
 
 
+@pytest.mark.slow_but_each(3)
 @pytest.mark.hard
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 @pytest.mark.parametrize("kind", KINDS)
@@ -240,6 +241,7 @@ def test_events_of_a_patch_act_at_their_frames_however_they_are_told(name: str) 
     assert_same_however_told(name, 0, FRAMES, random.Random(name).sample(WAYS, 2))
 
 
+@pytest.mark.slow_but_each(3)
 @pytest.mark.hard
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("name", sorted(path.stem for path in Path("patches").glob("*.toml")))

@@ -367,10 +367,8 @@ def bands(audio: np.ndarray) -> np.ndarray:
     return np.array([power[(frequency >= a) & (frequency < b)].sum() for a, b in pairwise(edges)])
 
 
-@pytest.mark.hard
-@pytest.mark.parametrize(
-    "stiffness", [1e10, *(pytest.param(value, marks=pytest.mark.slow) for value in (1e11, 1e12, 1e13))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("stiffness", [1e10, 1e11, 1e12, 1e13])
 def test_a_bounded_worst_case_sounds_the_same(stiffness, without_basis):
     """At most four rounds on a bridge of thirty points, α = 1, solved contact by contact: energy to 1e-11, and
     third-octave bands within 0.5 dB of solves that all converged. The motion is chaotic, and a band of single runs

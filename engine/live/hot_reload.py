@@ -51,6 +51,7 @@ class PatchWatcher:
         self._follow, self._edited = follow, edited
         self.path, self.scene, self.player, self._make, self._with_accuracy = path, scene, player, make, with_accuracy
         self._seen = self._stamp()
+        self._refused = self._seen  # the last file that was refused
         self._made: list[Any] = []
         self._thread: threading.Thread | None = None
 
@@ -68,11 +69,15 @@ class PatchWatcher:
         stamp = self._stamp()
         if stamp == self._seen or stamp == (0, 0) or (self._thread is not None and self._thread.is_alive()):
             return []
-        self._seen = stamp
         try:
             scene = self._with_accuracy(load(str(self.path)))
         except PatchError as error:
+            if stamp != self._refused:  # it may be half written: it is read once more
+                self._refused = stamp
+                return []
+            self._seen = stamp
             return [*map(str, error.faults), "the previous version keeps playing"]
+        self._seen = stamp
         parameters = changed_parameters(self.scene, scene)
         if parameters is not None and set(parameters) <= set(self.player.live_parameters):
             try:

@@ -294,6 +294,25 @@ def test_what_is_saved_is_heard(tmp_path):
     assert player.finished
 
 
+def test_a_file_that_is_half_written_is_no_fault(tmp_path):
+    """An editor may empty a file before it writes it; what stays wrong is said, once."""
+    path = tmp_path / "patch.toml"
+    text = PIANO.read_text("utf-8")
+    path.write_text(text, "utf-8")
+    scene = engine.load(path)
+    player = Player(scene, gain=0.05, seconds=math.inf)
+    watch = PatchWatcher(path, scene, player, lambda new: Player(new, gain=0.05, seconds=math.inf))
+    for half in ("", text[:200]):
+        path.write_text(half, "utf-8")
+        assert watch.poll() == []
+        path.write_text(text, "utf-8")
+        assert watch.poll() == []
+    path.write_text("", "utf-8")
+    said = [watch.poll() for _ in range(4)]
+    assert [bool(messages) for messages in said] == [False, True, False, False]
+    assert said[1][-1] == "the previous version keeps playing"
+
+
 @pytest.mark.hard
 def test_an_edit_of_the_structure_is_heard_within_0_3_s(tmp_path):
     """The least of four edits that each call for other effects: the machine may be busy with something else."""

@@ -169,7 +169,7 @@ def program(device, *words: str, **told) -> subprocess.Popen:
     command = [sys.executable, str(ROOT / "render.py"), "play", PIANO, *words]
     told = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "stdin": subprocess.DEVNULL, "text": True} | told
     hear = lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL)  # where the tests are run by nohup, too
-    made = subprocess.Popen(command, env={**os.environ, **device}, preexec_fn=hear, **told)
+    made = subprocess.Popen(command, env={**os.environ, **device}, **{"preexec_fn": hear, **told})
     if told["stdout"] == subprocess.PIPE:
         assert "on default" in made.stdout.readline()
     return made

@@ -49,7 +49,7 @@ def test_every_patch_is_the_same_on_both(patch, name):
 
 
 @pytest.mark.hard
-@pytest.mark.slow_but_each(2)
+@pytest.mark.slow_but_each(4)
 @pytest.mark.parametrize("present", OF_EFFECTS, ids="+".join)
 def test_effects_are_the_same_on_both(present):
     assert_same(*both(with_effects(dict.fromkeys([e for e in EFFECTS if e in present], 1.0))))

@@ -67,6 +67,7 @@ def test_shared_scenes(name):
     assert agreement(SHARED[name]())[0] <= TOLERANCE
 
 
+@pytest.mark.slow_but_each(2)
 @pytest.mark.hard
 @pytest.mark.parametrize("path", PATCHES, ids=lambda path: path.stem)
 def test_patches(path):

@@ -75,7 +75,7 @@ def test_repeated_keys_give_the_samples_of_the_file_in_any_block(name: str, tmp_
     assert_same_two_ways(name, "repeated", 1, FRAMES // 2, (BY_SAMPLE, *WAYS), tmp_path)
 
 
-@pytest.mark.slow_but_each(3)
+@pytest.mark.slow_but_each(2)
 @pytest.mark.hard
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 @pytest.mark.parametrize("kind", KINDS)

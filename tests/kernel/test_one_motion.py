@@ -15,7 +15,7 @@ from bench.scenes.choirs import struck_choir
 from bench.scenes.families import colliding, hammered, tanpuras
 from bench.scenes.joined import SECONDS, random_joined_scene
 
-DISTURBANCES, GROWN = (1e-15, 3e-15), 1e-13  # of the start; of the peak, from which on motions are not compared
+DISTURBANCES, GROWN = (1e-15, -1e-15), 1e-13  # of the start; of the peak, from which on motions are not compared
 TOLERANCE = 1e-12  # of the peak, for each step of a sample
 SCENES, LONG_ENOUGH, MIN_SECONDS = 200, 180, 0.020  # so many scenes are compared for at least so long
 RATE = 44_100

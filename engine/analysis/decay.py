@@ -59,10 +59,10 @@ def _measure(
     for high, low in itertools.pairwise(JUDGED_DB):
         first, last = energy.frame_at(-high), energy.frame_at(-low)
         if last < len(power) - 1 and last - first >= 4:
-            found = energy.decay_frames(first, last)
-            is_even &= found >= (1 - TOLERANCE - spread) * slowest
+            frames = energy.decay_frames(first, last)
+            is_even &= frames >= (1 - TOLERANCE - spread) * slowest
             is_even_in_range &= is_even or low > RANGE_DB[1]
-            slowest = max(slowest, found)
+            slowest = max(slowest, frames)
     early, late = (energy.decay_frames(*part) / samplerate for part in ((begin, middle), (middle, end)))
     if is_even_in_range and late > (MAX_SLOPE_RATIO + spread) * early:  # whatever becomes of it after that
         return None, f"two slopes: {early:.3g} s from -5 to -15 dB, and {late:.3g} s from -15 to -25 dB"

@@ -122,11 +122,11 @@ def _share_progress(progress: Callable[[float], None] | None, count: int) -> Ite
     """Yield what tells the progress of each of some renderings, as a share of all."""
     for number in range(count):
 
-        def tell(share: float, before: int = number) -> None:
+        def report_share(share: float, before: int = number) -> None:
             if progress is not None:
                 progress((before + share) / count)
 
-        yield None if progress is None else tell
+        yield None if progress is None else report_share
 
 
 def resolving_substeps(stats: RenderStatistics) -> int:

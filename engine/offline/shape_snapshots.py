@@ -99,20 +99,20 @@ class ShapeSnapshots:
         self._follow_tables()
         for array in self._trace:
             array[:] = 0
-        for ours, wide in self._numbers:
-            wide[self._bodies] = ours
+        for ours, widened in self._numbers:
+            widened[self._bodies] = ours
         self._simulation.render_sample(self._job)
-        for ours, wide in self._numbers:
-            ours[:] = wide[self._bodies]
+        for ours, widened in self._numbers:
+            ours[:] = widened[self._bodies]
         audio[:] = self._job.memory.audio
         for name, array in self._trace._asdict().items():
             getattr(rows, name)[:] = array[:, self._bodies] if name in ("displacement", "velocity") else array
         self.kept[self._frame // self.every] = self._trace.displacement[0]
 
     def _follow_tables(self) -> None:
-        """Give the wide model the numbers of tables that the score has changed."""
-        for ours, wide in self._tables:
-            wide[self._bodies] = ours
+        """Give the widened model the numbers of tables that the score has changed."""
+        for ours, widened in self._tables:
+            widened[self._bodies] = ours
         layout = self._simulation.layout_of_tables
         if layout is not None and layout is not self._layout:
             self._layout = layout
@@ -171,9 +171,9 @@ def widened(record: Record, columns: list[int], count: int) -> tuple[Record, lis
     def widen(array: np.ndarray, items: Items) -> np.ndarray:
         if items.axis is not Axis.BODY:
             return array
-        wide = np.full((count, *array.shape[1:]), items.neutral, array.dtype)
-        wide[columns] = array
-        pairs.append((array, wide))
-        return wide
+        widened = np.full((count, *array.shape[1:]), items.neutral, array.dtype)
+        widened[columns] = array
+        pairs.append((array, widened))
+        return widened
 
     return map_arrays(widen, record), pairs

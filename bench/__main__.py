@@ -1,13 +1,13 @@
 """`uv run python -m bench`: list the names; `… bench NAME …`: run some measurements, and `… bench all`: all that make
-tables; `… bench compare OLD NEW`: which times have moved; `… bench golden OLD [NEW]`: whether the samples are the same;
-`… bench machines`: whether tables depend on the machine; `… bench pairs OLD [NEW]`: both timed in turn; `… bench builds
-OLD`: how long tables take to build; `… bench events`: the price of an event; `… bench inputs`: the delay of a note
-behind a controller; `… bench notes FOLDER`: whether each note of MIDI files sounds as it does alone; `… bench shipped`:
-make the machine code that comes with the engine; `… bench stale`: which tables are of older kernels; `… bench site
-[FOLDER]`: the guides as a site; `… bench playable [FOLDER]`: a site on which every patch plays; `… bench ruler_package
-FOLDER`: the problems of the ruler as a package of their own; `… bench recordings FOLDER`: how far pianos and toms are
-from recorded ones; `… bench exhibit PATCH …`: the parts of the gallery that show some patches; `… bench pieces [PATCH
-…]`: its pieces of music."""
+tables; `… bench compare OLD NEW`: which times have moved; `… bench golden OLD [NEW]`: whether the samples are the
+same; `… bench machines`: whether tables depend on the machine; `… bench pairs OLD [NEW]`: both timed in turn; `…
+bench builds OLD`: how long tables take to build; `… bench events`: the price of an event; `… bench levels`: kernels
+for each level of this processor; `… bench inputs`: the delay of a note behind a controller; `… bench notes FOLDER`:
+whether each note of MIDI files sounds as it does alone; `… bench shipped`: make the machine code that comes with the
+engine; `… bench stale`: which tables are of older kernels; `… bench site [FOLDER]`: the guides as a site; `… bench
+playable [FOLDER]`: a site on which every patch plays; `… bench ruler_package FOLDER`: the problems of the ruler as a
+package of their own; `… bench recordings FOLDER`: how far pianos and toms are from recorded ones; `… bench exhibit
+PATCH …`: the parts of the gallery that show some patches; `… bench pieces [PATCH …]`: its pieces of music."""
 
 import ast
 import difflib
@@ -22,7 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bench.accuracy import golden, machines, notes
-from bench.performance import builds, events, inputs, pairs
+from bench.performance import builds, events, inputs, levels, pairs
 from bench.publish import compare, exhibit, performances, playable, ruler_package, shipped, site, stale
 from bench.recordings import command
 
@@ -59,6 +59,7 @@ OTHERS: dict[str, Callable[[list[str]], int]] = {  # that are no tables, and hav
     "notes": notes.main,
     "pairs": pairs.main,
     "events": events.main,
+    "levels": levels.main,
     "inputs": inputs.main,
     "shipped": shipped.main,
     "stale": stale.main,

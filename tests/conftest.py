@@ -106,20 +106,11 @@ def file_device(tmp_path):  # type: ignore[no-untyped-def]
 
 @pytest.fixture(scope="session")
 def library(tmp_path_factory):
-    """The library in C of a shipped patch, by its name. Each is compiled once for all workers of a run, one at a time
-    and by a process of its own: it takes two minutes and gigabytes."""
-    import fcntl
-
+    """The library in C of a shipped patch, by its name."""
     from tests.export.test_c_library import Library
-
-    base = tmp_path_factory.getbasetemp()
-    shared = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "libraries"
 
     @functools.cache
     def find(name):
-        shared.mkdir(exist_ok=True)
-        with open(shared / "lock", "w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-            return Library(engine.load(name), shared / name, by_itself=name)
+        return Library(engine.load(name), tmp_path_factory.mktemp(name))
 
     return find

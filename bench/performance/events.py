@@ -29,8 +29,9 @@ CASES = (
     Case("piano_c4", "damp", lambda player, frame: player.damp("string", 5.0, 0.01, frame=frame)),
     Case("piano_c4", "strike", lambda player, frame: player.strike("hammer", 1.0, frame=frame)),
     Case("piano_c4", "glide", lambda player, frame: player.set("contact.felt.stiffness", 1e10, 0.0005, frame=frame)),
-    Case("tanpura", "pluck", lambda player, frame: player.pluck("string", 0.1, frame=frame)),
+    Case("tanpura", "pluck", lambda player, frame: player.pluck("string", frame=frame)),
 )
+CHANGED = {"tanpura": {"force.0.duration": 0.0005, "force.0.amplitude": -1e-9}}  # plucks neither overlap nor sound
 
 
 class Price(NamedTuple):
@@ -42,9 +43,11 @@ class Price(NamedTuple):
 
 def measure(case: Case, ahead: int) -> Price:
     """Measure an event; the least of some turns. ahead: frames by which it is told before its block"""
+    scene = engine.load(case.patch)
+    scene = scene.replace(CHANGED[case.patch]) if case.patch in CHANGED else scene
     told, played, silent = math.inf, math.inf, math.inf
     for turn in range(2 * TURNS):
-        player = Player(engine.load(case.patch), RATE, math.inf, 1e-6, kernel="general")
+        player = Player(scene, RATE, math.inf, 1e-6, kernel="general")
         out, frames = np.zeros((BLOCK, player.channels), np.float32), int(SECONDS * RATE)
         player.render_into(out)
         step, sending, rendering = RATE // PER_SECOND, 0.0, 0.0

@@ -26,7 +26,7 @@ def add_export_command(commands: "arguments.Commands") -> None:
     summary = "write a patch as a page that plays in any browser, or as a library in C"
     description = (
         f"{summary[0].upper()}{summary[1:]}. A page is one HTML file, which computes the sound itself and needs no"
-        " network. A library needs a C compiler; its kernel is compiled for the patch, which takes half a minute."
+        " network. A library needs a C compiler."
     )
     parser = arguments.add_command(commands, "export", export_command, summary, description=description)
     arguments.add_patch(parser)
@@ -34,7 +34,7 @@ def add_export_command(commands: "arguments.Commands") -> None:
     parser.add_argument(
         "--kernel",
         metavar="NAME",
-        help="of a page: general, or special, which is compiled for the patch in a minute (default: general)",
+        help="general, or special, which is compiled for the patch in a minute (default: general)",
     )
     parser.add_argument(
         "--slide",
@@ -74,10 +74,14 @@ def page_path(args: argparse.Namespace) -> Path:
     return Path(args.output or f"{Path(args.patch).stem}.html")
 
 
+def _faults_of_kernel(name: str | None) -> list[Fault]:
+    if name is None or name in KERNELS:
+        return []
+    return [Fault("--kernel", f"no kernel is called {name!r}; there are {' and '.join(KERNELS)}")]
+
+
 def _faults_of_page(args: argparse.Namespace) -> list[Fault]:
-    faults, path = list[Fault](), page_path(args)
-    if args.kernel and args.kernel not in KERNELS:
-        faults.append(Fault("--kernel", f"no kernel is called {args.kernel!r}; there are {' and '.join(KERNELS)}"))
+    faults, path = _faults_of_kernel(args.kernel), page_path(args)
     if path.suffix.lower() not in (".html", ".htm"):
         faults.append(Fault("-o", f"{path}: a page is an .html file"))
     if not path.absolute().parent.is_dir():
@@ -120,14 +124,14 @@ def _words(args: argparse.Namespace) -> list[str]:
 
 
 def _faults_of_library(args: argparse.Namespace) -> list[Fault]:
-    from engine.compiler.machine_code import TARGETS
+    from engine.compiler.targets import OF_LIBRARIES
 
-    faults, target = list[Fault](), args.target or NATIVE
+    faults, target = _faults_of_kernel(args.kernel), args.target or NATIVE
     if not Path(args.c).absolute().parent.is_dir():
         faults.append(Fault("--c", f"{args.c}: the folder that it would be in is not there"))
-    if target not in TARGETS:
-        faults.append(Fault("--target", f"no target is called {target!r}; there are {', '.join(TARGETS)}"))
-    of_page = {"-o": args.output, "--kernel": args.kernel, "--slide": args.slide or None, "--voices": args.voices}
+    if target not in OF_LIBRARIES:
+        faults.append(Fault("--target", f"no target is called {target!r}; there are {', '.join(OF_LIBRARIES)}"))
+    of_page = {"-o": args.output, "--slide": args.slide or None, "--voices": args.voices}
     for name, value in of_page.items():
         if value is not None:
             faults.append(Fault(name, "it belongs to a page; a library goes to the folder of --c"))
@@ -135,16 +139,17 @@ def _faults_of_library(args: argparse.Namespace) -> list[Fault]:
 
 
 def _export_library(args: argparse.Namespace, scene: "Scene") -> int:
-    from engine.compiler.machine_code import TARGETS
+    from engine.compiler.kernel_name import KernelName
+    from engine.compiler.targets import target_named
     from engine.export.c_library import export_c
 
-    target = args.target or NATIVE
+    target, kernel = args.target or NATIVE, KernelName(args.kernel or KERNELS[0])
     with memory_errors_explained("give fewer --seconds"):
         try:
-            written = export_c(scene, Path(args.c), target, args.seconds, samplerate_of(args))
+            written = export_c(scene, Path(args.c), target, args.seconds, samplerate_of(args), kernel)
         except OSError as error:
             raise CommandError(f"{args.c}: {error_reason(error)}") from None
-    if (tested_in := TARGETS[target].tested_in) != "use":
+    if (tested_in := target_named(target).tested_in) != "use":
         known = f"its code was tested in {tested_in}" if tested_in else "its code was not tested"
         print(f"note: no {target} machine was at hand; {known}", file=sys.stderr)
     values = {"patch": args.patch, "target": target, "files": [str(path) for path in written]}

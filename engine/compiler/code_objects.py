@@ -1,8 +1,9 @@
-"""Machine code of a kernel: an object file as LLVM makes it, and what it needs from outside."""
+"""Machine code of kernels: an object file as LLVM makes it, what it has, and what it needs from outside."""
 
 import ctypes
 import json
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -10,32 +11,44 @@ from typing import Any, NamedTuple
 HELPERS = "numba_", "NRT_", "_NRT"  # of Numba, for what kernels never do: to raise, or to ask for memory
 
 # what instructions may become that a processor does not have
-C_FUNCTIONS = "memcpy", "memmove", "memset", "pow", "exp", "log", "sin", "cos", "expm1", "log1p", "fma"
+C_FUNCTIONS = "fma", "floor", "ceil", "trunc", "nearbyint"
 
 
 class Code(NamedTuple):
-    """Machine code that has been loaded."""
+    """A function of machine code that has been loaded."""
 
     address: int
     engine: Any  # of LLVM, with which it lives
 
 
-def to_content(symbol: str, needed: list[str], machine_code: bytes) -> bytes:
-    """An object file, with the name of its function and of those that it calls, as it is kept."""
-    return json.dumps({"symbol": symbol, "needed": needed}).encode() + b"\n" + machine_code
+class Content(NamedTuple):
+    """An object file, with the names of its functions and of those that it calls."""
+
+    functions: Sequence[str]
+    needed: Sequence[str]
+    machine_code: bytes
+
+    def to_bytes(self) -> bytes:
+        """Return the content as it is kept."""
+        return json.dumps({"functions": self.functions, "needed": self.needed}).encode() + b"\n" + self.machine_code
 
 
-def load_code(content: bytes) -> Code | None:
-    """Load machine code; None if this is none, or it needs what is not there."""
-    header, _, machine_code = content.partition(b"\n")
+def read_content(kept: bytes) -> Content | None:
+    """Return the content that was kept as bytes; None if they are none."""
+    header, _, machine_code = kept.partition(b"\n")
     try:
         about = json.loads(header)
-        symbol, needed = str(about["symbol"]), [str(name) for name in about["needed"]]
+        functions, needed = ([str(name) for name in about[key]] for key in ("functions", "needed"))
     except (ValueError, TypeError, KeyError):
         return None
-    addresses = {name: _address_of(name) for name in (*needed, *C_FUNCTIONS)}
-    if not machine_code or None in (addresses[name] for name in needed):
-        return None
+    return Content(functions, needed, machine_code) if machine_code else None
+
+
+def load_code(content: Content) -> dict[str, Code]:
+    """Load machine code. Return its functions by name; none if this is no code, or it needs what is not there."""
+    addresses = {name: _address_of(name) for name in (*content.needed, *C_FUNCTIONS)}
+    if None in (addresses[name] for name in content.needed):
+        return {}
     llvm = _llvm()
     for name, address in addresses.items():
         if address is not None and not llvm.address_of_symbol(name):  # or Numba, in this process, has its own
@@ -44,12 +57,12 @@ def load_code(content: bytes) -> Code | None:
         llvm.parse_assembly(""), llvm.Target.from_default_triple().create_target_machine()
     )
     try:
-        engine.add_object_file(llvm.ObjectFileRef.from_data(machine_code))
+        engine.add_object_file(llvm.ObjectFileRef.from_data(content.machine_code))
     except (RuntimeError, ValueError):
-        return None
+        return {}
     engine.finalize_object()
-    address = engine.get_function_address(symbol)
-    return Code(address, engine) if address else None
+    loaded = {name: engine.get_function_address(name) for name in content.functions}
+    return {name: Code(address, engine) for name, address in loaded.items() if address}
 
 
 @lru_cache

@@ -1,7 +1,6 @@
 """Operations that a compiled callback needs and Numba lacks: memory at an address, functions at an address, a clock,
 and numbers that two threads share. In compiled code only."""
 
-import sys
 from typing import Any
 
 from llvmlite import ir
@@ -111,25 +110,19 @@ def call_address(function: Any, numbers: Any) -> Any:
 
 
 @intrinsic
-def monotonic_seconds() -> Any:
-    """Return the seconds since an arbitrary start. They never go back."""
-    return types.float64(), _seconds
+def monotonic_seconds(clock: Any) -> Any:
+    """Return the seconds since an arbitrary start. They never go back. clock: address of a Clock
+    (engine.compiler.clock)"""
+    return types.float64(clock), _seconds
 
 
 def _seconds(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    room = cgutils.alloca_once(builder, ir.ArrayType(WORD, 2))
-    pointer = builder.bitcast(room, BYTE.as_pointer())
-    double = ir.DoubleType()
-    if sys.platform == "win32":
-        ticks = []
-        for name in ("QueryPerformanceCounter", "QueryPerformanceFrequency"):
-            kind = ir.FunctionType(ir.IntType(32), [BYTE.as_pointer()])
-            builder.call(cgutils.get_or_insert_function(builder.module, kind, name), [pointer])
-            ticks.append(builder.sitofp(builder.load(builder.bitcast(room, WORD.as_pointer())), double))
-        return builder.fdiv(*ticks)
-    monotonic = ir.Constant(ir.IntType(32), 6 if sys.platform == "darwin" else 1)
-    kind = ir.FunctionType(ir.IntType(32), [ir.IntType(32), BYTE.as_pointer()])
-    builder.call(cgutils.get_or_insert_function(builder.module, kind, "clock_gettime"), [monotonic, pointer])
-    seconds, nanoseconds = (builder.load(cgutils.gep_inbounds(builder, room, 0, n)) for n in (0, 1))
-    fraction = builder.fmul(builder.sitofp(nanoseconds, double), ir.Constant(double, 1e-9))
-    return builder.fadd(builder.sitofp(seconds, double), fraction)
+    double, room = ir.DoubleType(), cgutils.alloca_once(builder, ir.ArrayType(WORD, 2), zfill=True)
+    words = builder.inttoptr(context.cast(builder, args[0], sig.args[0], types.int64), WORD.as_pointer())
+    function, first, *units = (builder.load(builder.gep(words, [WORD(n)])) for n in range(4))
+    place = builder.ptrtoint(room, WORD)
+    given = builder.select(builder.icmp_signed("<", first, WORD(0)), place, first)
+    builder.call(builder.inttoptr(function, ir.FunctionType(WORD, [WORD, WORD]).as_pointer()), [given, place])
+    counts = (builder.sitofp(builder.load(cgutils.gep_inbounds(builder, room, 0, n)), double) for n in (0, 1))
+    parts = [builder.fmul(count, builder.bitcast(unit, double)) for count, unit in zip(counts, units, strict=True)]
+    return builder.fadd(*parts)

@@ -2,11 +2,9 @@
 
 from enum import StrEnum
 
-from engine.compiler import cache
-from engine.compiler.code_objects import load_code
-from engine.compiler.kernels import Kernel
+from engine.compiler.kernels import Kernel, load_stored
 from engine.compiler.kinds import Kind
-from engine.compiler.shipped import read_shipped
+from engine.compiler.shipped import load_shipped
 
 
 class KernelOrigin(StrEnum):
@@ -19,8 +17,7 @@ class KernelOrigin(StrEnum):
 
 def find_origin(kernel: Kernel, kinds: tuple[Kind, ...]) -> KernelOrigin:
     """Return where the machine code of a kernel would be loaded from, in the order in which Kernel.address looks."""
-    for origin, read in ((KernelOrigin.CACHE, cache.read_kernel), (KernelOrigin.SHIPPED, read_shipped)):
-        content = read(kernel.module, kernel.function, kinds)
-        if content is not None and load_code(content) is not None:
+    for origin, load in ((KernelOrigin.CACHE, load_stored), (KernelOrigin.SHIPPED, load_shipped)):
+        if load(kernel.module, kernel.function, kinds) is not None:
             return origin
     return KernelOrigin.COMPILER

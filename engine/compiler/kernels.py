@@ -9,10 +9,10 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from engine.compiler import cache
-from engine.compiler.code_objects import Code, load_code
+from engine.compiler import archive_trial, cache
+from engine.compiler.code_objects import Code, load_code, read_content
 from engine.compiler.kinds import FLOAT, INT, Kind
-from engine.compiler.shipped import read_shipped
+from engine.compiler.shipped import load_shipped
 
 C_TYPES = {INT: ctypes.c_ssize_t, FLOAT: ctypes.c_double}
 
@@ -55,18 +55,34 @@ class Kernel:
 
     def _from_disk(self, kinds: tuple[Kind, ...]) -> Code | None:
         """Return the stored or shipped code of the kernel; None if there is none that is complete and runs here."""
-        for read in (cache.read_kernel, read_shipped):
-            content = read(self.module, self.function, kinds)
-            if content is not None and (code := load_code(content)) is not None:
+        for load in (load_stored, load_shipped):
+            if (code := load(self.module, self.function, kinds)) is not None:
                 return code
         return None
 
     def _compile(self, kinds: tuple[Kind, ...]) -> Code:
+        name = f"{self.module}.{self.function}"
+        if archive_trial.tried_archive() is not None:
+            raise RuntimeError(f"the archive has no kernel {name} for these arguments, or it cannot be loaded")
         from engine.compiler.kernel_compiler import compile_kernel  # with Numba
 
         content = compile_kernel(self.module, self.function, kinds)
         cache.write_kernel(self.module, self.function, kinds, content)
-        code = load_code(content)
+        code = _load_content(content, self.function)
         if code is None:
-            raise RuntimeError(f"{self.module}.{self.function} was compiled, but its machine code cannot be loaded")
+            raise RuntimeError(f"{name} was compiled, but its machine code cannot be loaded")
         return code
+
+
+def load_stored(module: str, function: str, kinds: tuple[Kind, ...]) -> Code | None:
+    """Return the code of a kernel that was compiled on this machine; None if there is none that can be loaded."""
+    if archive_trial.tried_archive() is not None:
+        return None
+    content = cache.read_kernel(module, function, kinds)
+    return None if content is None else _load_content(content, function)
+
+
+def _load_content(kept: bytes, function: str) -> Code | None:
+    """Return the code of a kernel from the bytes of a Content; None if it cannot be loaded."""
+    content = read_content(kept)
+    return None if content is None else load_code(content).get(function)

@@ -1,50 +1,30 @@
-"""Machine code of kernels for any machine that LLVM knows, as an object file that needs the C library alone.
+"""Machine code of kernels for any machine that LLVM knows, as an object file that needs nothing from outside.
 
 Numba makes LLVM's intermediate code, which is taken before anything in it is fitted to the machine that compiles. It is
-then optimised and translated for the target.
+then optimised and translated for the target. Numba's own way of loading asks for the large code model, in which each
+constant and each call is reached by an address of 64 bits: a violin takes 1.7 times as long in it.
 """
 
 import importlib
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
+import numba
+from numba.core import types
 from numba.core.codegen import CPUCodeLibrary
 
 from engine.compiler.decorators import kernel, prepared_to_compile
-from engine.compiler.kernel_compiler import numba_type
-from engine.compiler.kinds import INT, Kind
+from engine.compiler.kinds import FLOAT, INT, Kind, example_of
 from engine.compiler.numba_patches import SkipInlinedLibraries
+from engine.compiler.struct_types import StructHandleType
+from engine.compiler.targets import WASM, Target
 from engine.compiler.wasm_arithmetic import wasm_arithmetic
 
-
-class Target(NamedTuple):
-    """A machine that code is made for."""
-
-    triple: str  # as LLVM names it
-    processor: str
-    tested_in: str  # "use": on such machines; "an emulator"; "" if neither was at hand
-    features: str = ""  # beyond those of the processor
-    relocation: str = "pic"
-    integers: bool = False  # True: entries take integers for addresses, as `call_address` passes them
-
-
-WASM = Target(
-    "wasm32-unknown-unknown",
-    "generic",
-    "use",
-    "+simd128,+relaxed-simd,+bulk-memory,+sign-ext,+nontrapping-fptoint,+mutable-globals",
-    relocation="static",  # its constants stay where they are: it is linked with nothing
-    integers=True,
-)
-TARGETS = {
-    "x86_64-linux": Target("x86_64-unknown-linux-gnu", "x86-64-v3", "use"),
-    "aarch64-linux": Target("aarch64-unknown-linux-gnu", "generic", "an emulator"),
-    "aarch64-macos": Target("aarch64-apple-macosx11.0.0", "apple-m1", ""),
-    "x86_64-windows": Target("x86_64-pc-windows-gnu", "x86-64-v3", ""),
-}
+MEMORY_FUNCTIONS = Path(__file__).with_name("memory_functions.ll")
 
 
 class NeutralCode(NamedTuple):
@@ -56,7 +36,7 @@ class NeutralCode(NamedTuple):
 
 
 def neutral_code(module: str, function: str, kinds: tuple[Kind, ...]) -> NeutralCode:
-    """Return the intermediate code of a kernel for arguments of these kinds, pointers or integers."""
+    """Return the intermediate code of a kernel for arguments of these kinds: pointers, integers and numbers."""
     dispatcher = kernel(getattr(importlib.import_module(module), function).py_func, from_python=False)
     with prepared_to_compile(), _first_code_kept(function) as kept, suppress(_CodeKept):
         dispatcher.compile(tuple(map(numba_type, kinds)))
@@ -64,6 +44,13 @@ def neutral_code(module: str, function: str, kinds: tuple[Kind, ...]) -> Neutral
     names = [f.name for f in llvm.parse_assembly(text).functions if not f.is_declaration]
     symbol = next(name for name in names if function in name and not name.startswith("cfunc"))
     return NeutralCode(text, symbol, kinds)
+
+
+def numba_type(kind: Kind) -> Any:
+    """Return Numba's type for the kind of an argument."""
+    if isinstance(kind, str):
+        return {INT: types.int64, FLOAT: types.float64}[kind]
+    return StructHandleType(numba.typeof(example_of(kind[1])))
 
 
 class _CodeKept(Exception):
@@ -88,20 +75,31 @@ def _first_code_kept(function: str) -> Iterator[list[Any]]:
         library_class._optimize_functions, library_class._optimize_final_module = plain
 
 
-def object_code(codes: Mapping[str, NeutralCode], target: Target, tables: Mapping[str, bytes]) -> bytes:
-    """Return an object file with functions, by name, that take pointers and 64-bit integers and return nothing, and
-    with constant tables, by name."""
+class ObjectCode(NamedTuple):
+    """An object file, and the functions of others that it calls."""
+
+    content: bytes
+    needed: list[str]
+
+
+def object_code(codes: Mapping[str, NeutralCode], target: Target, tables: Mapping[str, bytes]) -> ObjectCode:
+    """Return an object file with functions, by name, and with constant tables, by name.
+
+    The functions take pointers, 64-bit integers and doubles, and return a 64-bit integer, which is 0 where kernels
+    return nothing.
+    """
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple(target.triple).create_target_machine(
         cpu=target.processor,
         features=target.features,
         opt=3,
-        reloc="static" if target is WASM else "pic",
-        codemodel="default",
+        reloc="static" if target is WASM else "pic",  # its constants stay where they are: it is linked with nothing
+        codemodel="small",
     )
-    modules = [_module(code, entry, target, machine) for entry, code in codes.items()]
-    modules.append(llvm.parse_assembly("".join(map(_table, tables, tables.values()))))
+    layout = f'target datalayout = "{machine.target_data}"\ntarget triple = "{target.triple}"\n'
+    modules = [_module(code, entry, target, layout) for entry, code in codes.items()]
+    modules.append(llvm.parse_assembly(layout + "".join(map(_table, tables, tables.values()))))
     for module in modules:
         for value in (*module.functions, *module.global_variables):
             if not value.is_declaration and value.name not in {**codes, **tables}:
@@ -111,33 +109,51 @@ def object_code(codes: Mapping[str, NeutralCode], target: Target, tables: Mappin
         whole.link_in(module)
     whole.verify()
     _optimise(whole, machine)
-    return bytes(machine.emit_object(whole))
+    if codes and target is not WASM:  # which has instructions for these
+        whole.link_in(llvm.parse_assembly(MEMORY_FUNCTIONS.read_text("utf-8")))
+    needed = sorted(f.name for f in whole.functions if f.is_declaration and not f.name.startswith("llvm."))
+    return ObjectCode(bytes(machine.emit_object(whole)), needed)
 
 
-def _module(code: NeutralCode, entry: str, target: Target, machine: Any) -> Any:
-    """Return the module of a kernel, fitted to a target."""
-    text = re.sub(r"^target datalayout.*$", f'target datalayout = "{machine.target_data}"', code.text, flags=re.M)
-    text = re.sub(r"^target triple.*$", f'target triple = "{target.triple}"', text, flags=re.M)
+def _module(code: NeutralCode, entry: str, target: Target, layout: str) -> Any:
+    """Return the module of a kernel, fitted to a target. layout: lines that say which"""
+    text = re.sub(r"^target (datalayout|triple).*$", "", code.text, flags=re.M)
     text = re.sub(r'"target-(cpu|features)"="[^"]*"', "", text)
     text = re.sub(r'^define [^\n]*@"?cfunc\.[^\n]*\{\n.*?^\}\n', "", text, flags=re.M | re.S)  # for callers in Python
+    text = _with_instructions_for_roots(text)
     if target is WASM:
         text = wasm_arithmetic(text)
-    return llvm.parse_assembly(text + _entry(code, entry, target.integers))
+    return llvm.parse_assembly(layout + text + _entry(code, entry, target is WASM))
 
 
-def _entry(code: NeutralCode, entry: str, integers: bool) -> str:
-    """Return the source of the function that others call: it passes its arguments on, in Numba's calling convention."""
-    given = ["i64" if integers or kind == INT else "ptr" for kind in code.kinds]
-    taken = ["i64" if kind == INT else "ptr" for kind in code.kinds]
+def _with_instructions_for_roots(text: str) -> str:
+    """Return intermediate code that takes square roots by an instruction, and not by a function of the C library, which
+    would also note errors."""
+    text, calls = re.subn(r"^declare double @sqrt\([^\n]*\n", "", text, flags=re.M)
+    if calls:
+        text = text.replace("@sqrt(", "@llvm.sqrt.f64(")
+        if "declare double @llvm.sqrt.f64(" not in text:
+            text += "declare double @llvm.sqrt.f64(double)\n"
+    return text
+
+
+def _entry(code: NeutralCode, entry: str, is_wasm: bool) -> str:
+    """Return the source of the function that others call: it passes its arguments on, in Numba's calling convention. In
+    WebAssembly it takes integers for addresses, as `call_address` passes them, and returns nothing."""
+    plain = {INT: "i64", FLOAT: "double"}
+    taken = [plain.get(kind, "ptr") if isinstance(kind, str) else "ptr" for kind in code.kinds]
+    given = ["i64" if is_wasm else kind for kind in taken]
     places = range(len(given))
     changed = [f"  %p{i} = inttoptr i64 %a{i} to ptr\n" for i in places if given[i] != taken[i]]
     passed = ", ".join(f"{taken[i]} %{'a' if given[i] == taken[i] else 'p'}{i}" for i in places)
     return f"""
-define void @{entry}({", ".join(f"{given[i]} %a{i}" for i in places)}) {{
+define {"void" if is_wasm else "i64"} @{entry}({", ".join(f"{given[i]} %a{i}" for i in places)}) {{
 {"".join(changed)}  %result = alloca i64
+  store i64 0, ptr %result
   %exception = alloca ptr
   %status = call i32 @"{code.symbol}"(ptr %result, ptr %exception, {passed})
-  ret void
+  %returned = load i64, ptr %result
+  ret {"void" if is_wasm else "i64 %returned"}
 }}
 """
 

@@ -1,8 +1,9 @@
-"""Machine code that comes with the engine, for processors of a kind: the general kernels, so that the very first start
-need not compile. `python -m bench shipped` makes it from the sources.
+"""Machine code that comes with the engine: the general kernels, so that the very first start need not compile.
+`python -m bench shipped` makes it from the sources.
 
-An archive for each kind of processor holds a kernel per member, and says which sources it was made from: with others it
-is not used.
+An archive for each kind of machine holds object files as a linker takes them, and says which sources they were made
+from: with others they are not used. The first use on a machine is a trial in another process
+(engine.compiler.archive_trial).
 """
 
 import hashlib
@@ -12,88 +13,94 @@ import sys
 import zipfile
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
-from engine.compiler import cache
+from engine.compiler import archive_trial, cache
+from engine.compiler.code_objects import Code, Content, load_code
 from engine.compiler.kinds import Kind
+from engine.compiler.targets import Target, fitting_targets
 from engine.compiler.tricks import switched_off
 
 FOLDER = Path(__file__).parents[1] / "shipped"
 ABOUT = "about.json"
-V3 = "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe"
-
-
-class Target(NamedTuple):
-    """A kind of processor, under Linux."""
-
-    name: str  # as LLVM calls it
-    features: tuple[str, ...]  # beyond those that all of its family have
-    machines: tuple[str, ...]  # as the platform names it
-
-
-X86_64 = "x86_64", "amd64"
-TARGETS = (  # the best first
-    Target("x86-64-v3", V3, X86_64),
-    Target("x86-64", (), X86_64),
-    Target("aarch64", (), ("aarch64", "arm64")),
-)
+SAMPLES = "samples"  # what an archive says of the digest of the trial's samples
+UNREADABLE = OSError, KeyError, ValueError, NotImplementedError, RuntimeError, zipfile.BadZipFile  # no LZMA here, too
 
 
 def archive(target: Target) -> Path:
-    """The file of a target."""
-    return FOLDER / f"linux-{target.name}.zip"
+    """Return the file of a target."""
+    return FOLDER / f"{target.name}.zip"
 
 
-def member_name(module: str, function: str, kinds: tuple[Kind, ...]) -> str:
-    """The name of a kernel in an archive."""
+def kernel_key(module: str, function: str, kinds: tuple[Kind, ...]) -> str:
+    """Return the name of a kernel in an archive."""
     return f"{module}.{function}-{hashlib.sha256(json.dumps(kinds).encode()).hexdigest()[:16]}"
 
 
-def read_shipped(module: str, function: str, kinds: tuple[Kind, ...]) -> bytes | None:
-    """The machine code of a kernel for this processor; None if none is shipped."""
-    path = _fitting_archive()
+def load_shipped(module: str, function: str, kinds: tuple[Kind, ...]) -> Code | None:
+    """Return the shipped machine code of a kernel; None if none fits this machine and the present sources."""
+    path = fitting_archive()
     if path is None:
         return None
-    try:
-        with zipfile.ZipFile(path) as file:
-            return file.read(member_name(module, function, kinds))
-    except (OSError, KeyError, zipfile.BadZipFile):  # what is damaged fails the check of its digest
-        return None
+    part, entry = read_about(path)["kernels"].get(kernel_key(module, function, kinds), (None, None))
+    return None if part is None else _load_part(path, part).get(entry)
 
 
 @lru_cache
-def _fitting_archive() -> Path | None:
-    """The best archive that fits this processor and the present sources."""
-    if sys.platform != "linux" or switched_off():
-        return None
-    import llvmlite.binding as llvm
-
-    features, machine = llvm.get_host_cpu_features(), platform.machine().lower()
-    for target in TARGETS:
-        if machine not in target.machines:
-            continue
-        path = archive(target)
-        if all(features.get(name) for name in target.features) and sources_of(path) == cache.source_digest():
-            return path
-    return None
+def _load_part(path: Path, part: str) -> dict[str, Code]:
+    """Load an object file of an archive."""
+    try:
+        return load_code(read_part(path, part))
+    except UNREADABLE:  # what is damaged fails the check of its digest
+        return {}
 
 
-def explain_choice() -> str:
-    """Name the archive that fits this processor and the present sources, or say why none does."""
-    if (path := _fitting_archive()) is not None:
-        return path.name
-    machine = platform.machine().lower()
-    if sys.platform != "linux" or not any(machine in target.machines for target in TARGETS):
-        return f"no archive is shipped for {sys.platform} on {machine}"
-    if switched_off():
-        return "archives are not used while tricks of the compiler are switched off"
-    return "the shipped archives were made from other sources"
+def read_part(path: Path, part: str) -> Content:
+    """Return an object file of an archive. Raises one of UNREADABLE."""
+    about = read_about(path)["parts"][part]
+    with zipfile.ZipFile(path) as file:
+        return Content(about["functions"], about["needed"], file.read(part))
+
+
+@lru_cache
+def read_about(path: Path) -> dict[str, Any]:
+    """Return what an archive says of itself; nothing if it cannot be read."""
+    try:
+        with zipfile.ZipFile(path) as file:
+            about = json.loads(file.read(ABOUT))
+        return dict(about)
+    except UNREADABLE:
+        return {}
 
 
 def sources_of(path: Path) -> str | None:
-    """The digest of the sources that an archive was made from; None if it cannot be read."""
-    try:
-        with zipfile.ZipFile(path) as file:
-            return str(json.loads(file.read(ABOUT))["sources"])
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile):
+    """Return the digest of the sources that an archive was made from; None if it cannot be read."""
+    return read_about(path).get("sources")
+
+
+@lru_cache
+def fitting_archive() -> Path | None:
+    """Return the best archive that fits this machine and the present sources, and has passed its trial here."""
+    if (tried := archive_trial.tried_archive()) is not None:
+        return tried
+    if switched_off():
         return None
+    paths = [archive(target) for target in fitting_targets()]
+    fitting = (path for path in paths if sources_of(path) == cache.source_digest() and archive_trial.is_passed(path))
+    return next(fitting, None)
+
+
+def explain_choice() -> str:
+    """Name the archive that fits this machine and the present sources, or say why none does."""
+    if (path := fitting_archive()) is not None:
+        return path.name
+    if switched_off():
+        return "archives are not used while tricks of the compiler are switched off"
+    targets = fitting_targets()
+    paths = [archive(target) for target in targets if sources_of(archive(target)) == cache.source_digest()]
+    if paths:
+        return f"{paths[0].name} failed its trial on this machine: {archive_trial.explain_failure(paths[0])}"
+    if targets:
+        return "the shipped archives were made from other sources"
+    machine = platform.machine().lower()
+    return f"no archive is shipped for {sys.platform} on {machine}"

@@ -14,16 +14,12 @@ FUSED = "llvm.wasm.relaxed.madd.v2f64"
 
 
 def wasm_arithmetic(text: str) -> str:
-    """Return intermediate code whose multiply-adds and square roots WebAssembly has."""
+    """Return intermediate code whose multiply-adds and masked vectors WebAssembly has."""
     text = re.sub(r"^declare [^\n]*@llvm\.fma\.(f64|v8f64)\([^\n]*\n", "", text, flags=re.M)
     text = text.replace("@llvm.fma.f64(", "@fdh_fused(").replace("@llvm.fma.v8f64(", "@fdh_fused_lanes(")
     text = re.sub(r"^declare [^\n]*@llvm\.masked\.(load|store)\.v8f64[^\n]*\n", "", text, flags=re.M)
     text = re.sub(r"@llvm\.masked\.(load|store)\.v8f64\.p0\(", r"@fdh_masked_\1(", text)
     text += f"declare {PAIR} @{FUSED}({PAIR}, {PAIR}, {PAIR})\n" + _fused_number() + _fused_lanes() + _masked()
-    if re.search(r"^declare double @sqrt\(", text, flags=re.M):
-        text = re.sub(r"^declare double @sqrt\([^\n]*\n", "", text, flags=re.M).replace("@sqrt(", "@llvm.sqrt.f64(")
-        if "declare double @llvm.sqrt.f64(" not in text:
-            text += "declare double @llvm.sqrt.f64(double)\n"
     return text
 
 

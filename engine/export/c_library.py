@@ -1,7 +1,7 @@
-"""A patch as a library in C: a header, an object file with the kernels and the memory of a player, and an example.
+"""A patch as a library in C: a header, object files with the kernels and with the memory of a player, and an example.
 
-The kernels are those of live sound, compiled for the patch. An instrument has two players: one of its score, so that
-the samples are those of a rendering, and one of its keys.
+The kernels are those of live sound: the general ones come with the engine, special ones are compiled for the patch. An
+instrument has two players: one of its score, so that the samples are those of a rendering, and one of its keys.
 """
 
 import re
@@ -12,10 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from engine.assembly.build import build
+from engine.assembly.general import generalise
 from engine.compiler.kernel_name import KernelName
-from engine.compiler.machine_code import TARGETS, NeutralCode, neutral_code, object_code
 from engine.compiler.struct_handle import pointer_kind
+from engine.compiler.targets import OF_LIBRARIES, TARGETS, target_named
 from engine.export.c_events import EventTables
+from engine.export.c_kernels import LinkedKernels
 from engine.export.faults import CannotExport
 from engine.export.player_bytes import INSERT, MEMORY, PLAY, RENDER, arrays_of_player, lay_out_player, requests_of
 from engine.export.row_recorder import (
@@ -45,7 +47,7 @@ from engine.runtime.event_slots import VALUES_PER_EVENT, EventSlot
 from engine.runtime.jobs import Job
 
 SOURCES = ("fdh.h", "fdh.c", "main.c", "CMakeLists.txt")
-HEADER, OBJECT = "fdh_patch.h", "fdh_patch.o"
+HEADER, OBJECT = "fdh_patch.h", "fdh_patch.o"  # the object has the tables
 SCORE, KEYS = "score", "keys"  # parts of a library
 
 
@@ -55,52 +57,47 @@ def export_c(
     target: str = "x86_64-linux",
     seconds: float | None = None,
     samplerate: int = 44_100,
+    kernel: KernelName = KernelName.GENERAL,
 ) -> list[Path]:
     """Write a scene as a library in C to a folder, which is made if it is not there. Returns the files.
 
-    target: a key of TARGETS
+    target: a key of OF_LIBRARIES, or the name of one of TARGETS
+    kernel: GENERAL, which comes with the engine, or SPECIAL, which is compiled for the scene
 
     Raises ValueError for an unknown target or a scene that cannot be exported, BuildError (a ValueError) if it cannot
     be built, OSError if a file cannot be written.
     """
-    if target not in TARGETS:
-        raise ValueError(f"no target is called {target!r}; there are {', '.join(TARGETS)}")
+    if target not in {*OF_LIBRARIES, *(target.name for target in TARGETS)}:
+        raise ValueError(f"no target is called {target!r}; there are {', '.join(OF_LIBRARIES)}")
     check_output(scene, "C")
     seconds = scene.seconds if seconds is None else seconds
-    players = {SCORE: player_of_scene(scene, samplerate, KernelName.AUTO, seconds)}
+    players = {SCORE: player_of_scene(scene, samplerate, kernel, seconds)}
     if players[SCORE].tables.exchanges:  # they part a block, of which fdh.c reads the whole
         raise CannotExport("a patch whose events change bodies cannot be exported to C yet")
     if scene.instrument is not None:
-        players[KEYS] = player_of_keys(scene, samplerate, KernelName.AUTO)
+        players[KEYS] = player_of_keys(scene, samplerate, kernel)
     events, names = _events_of(scene, list(players.values())[-1])
-    codes, tables, layouts = dict[str, NeutralCode](), dict[str, bytes](), list[str]()
-    for part, player in players.items():
-        layouts.append(_add_part(part, player, codes, tables))
+    kernels, tables = LinkedKernels(target_named(target), kernel), dict[str, bytes]()
+    layouts = [_add_part(part, player, kernels, tables) for part, player in players.items()]
     tables |= {"fdh_rows": bytes(events.rows), "fdh_keys": bytes(events.keys), "fdh_controls": bytes(events.controls)}
     tables["fdh_levels"] = np.array(LEVELS, np.int64).tobytes()
-    content = object_code(codes, TARGETS[target], tables)
     numbers = _numbers(scene) | {"SAMPLERATE": samplerate, "LENGTH": frame_count(seconds, samplerate)}
-    return _write_files(folder, [*names, *_defined(numbers), f"#define FDH_LAYOUTS {', '.join(layouts)}"], content)
+    declared = f"#define FDH_KERNELS void {', '.join(f'{name}(void)' for name in kernels.entries)};"
+    lines = [*names, *_defined(numbers), declared, f"#define FDH_LAYOUTS {', '.join(layouts)}"]
+    return _write_files(folder, lines, {OBJECT: kernels.table_object(tables), **kernels.objects()})
 
 
 # --- the parts
 
 
-def _add_part(part: str, player: RowRecorder, codes: dict[str, NeutralCode], tables: dict[str, bytes]) -> str:
-    """Add the kernels and the tables of a part, by their names in C; kernels that are there already are shared. Return
-    its layout in C."""
-    memory, built = player.memory, _built_of(player)
+def _add_part(part: str, player: RowRecorder, kernels: LinkedKernels, tables: dict[str, bytes]) -> str:
+    """Add the kernels and the tables of a part, by their names in C. Return its layout in C."""
+    memory, built = player.memory, _built_of(player, kernels.name)
     laid_out = lay_out_player(memory, pointer_bytes=8, base=0, built=built)
     tables[f"fdh_scene_{part}"] = bytes(laid_out.content)
     tables[f"fdh_pointers_{part}"] = np.array(laid_out.pointers, np.int64).tobytes()
-    kinds, entries = (pointer_kind(built[0]), pointer_kind(built[1])), dict[str, str]()
-    for name, request in requests_of(kinds).items():
-        shared = (
-            entry for entry, code in codes.items() if entry.startswith(f"fdh_{name}") and code.kinds == request[2]
-        )
-        entries[name] = next(shared, "fdh_play" if name == PLAY else f"fdh_{name}_{part}")
-        if entries[name] not in codes:
-            codes[entries[name]] = neutral_code(*request)
+    kinds = pointer_kind(built[0]), pointer_kind(built[1])
+    entries = {name: kernels.add(request, part) for name, request in requests_of(kinds).items()}
     arrays = arrays_of_player(memory) | {"audio": memory.shared.audio, "spare": memory.shared.spare}
     numbers = {
         "size": len(laid_out.content),
@@ -111,17 +108,17 @@ def _add_part(part: str, player: RowRecorder, codes: dict[str, NeutralCode], tab
         **{name: laid_out.place_of(array) for name, array in arrays.items() if name != "gauges"},
     }
     named = {"scene": f"fdh_scene_{part}", "pointers": f"fdh_pointers_{part}"}
-    named |= {"render": entries[RENDER], "insert": entries[INSERT]}
+    named |= {"play": entries[PLAY], "render": entries[RENDER], "insert": entries[INSERT]}
     return f"{{{', '.join(f'.{name} = {value}' for name, value in (named | numbers).items())}}}"
 
 
-def _built_of(player: RowRecorder) -> tuple[Model, State]:
-    """Return the model and the state of a player for the kernel that is compiled for it. Live sound has no time for as
-    many steps of a sample as some patches allow: a library has."""
+def _built_of(player: RowRecorder, kernel: KernelName) -> tuple[Model, State]:
+    """Return the model and the state of a player. Live sound has no time for as many steps of a sample as some patches
+    allow: a library has."""
     if player.waiting or player.patch.accuracy == player.scene.accuracy:
         return player.model, player.state
     built = build(player.patch, player.samplerate, event_capacity=event_capacity(player.patch, False))
-    return built.model, built.state
+    return generalise(built.model, built.state) if kernel is KernelName.GENERAL else (built.model, built.state)
 
 
 # --- keys, pads and sliders
@@ -199,7 +196,7 @@ def _defined(numbers: Mapping[str, float]) -> list[str]:
     return [f"#define FDH_{name} {number}" for name, number in numbers.items()]
 
 
-def _write_files(folder: Path, lines: Iterable[str], content: bytes) -> list[Path]:
+def _write_files(folder: Path, lines: Iterable[str], objects: Mapping[str, bytes]) -> list[Path]:
     """Write the files of a library; each is complete or not there. Returns them."""
     folder.mkdir(exist_ok=True)
     for name in SOURCES:
@@ -207,6 +204,7 @@ def _write_files(folder: Path, lines: Iterable[str], content: bytes) -> list[Pat
     write_text(
         folder / HEADER, "\n".join(["/* Keys, pads and sliders of this patch, and numbers for fdh.c. */", *lines, ""])
     )
-    with atomic_write(folder / OBJECT) as path:
-        path.write_bytes(content)
-    return [folder / name for name in (*SOURCES, HEADER, OBJECT)]
+    for name, content in objects.items():
+        with atomic_write(folder / name) as path:
+            path.write_bytes(content)
+    return [folder / name for name in (*SOURCES, HEADER, *objects)]

@@ -12,8 +12,9 @@ from pathlib import Path
 
 from engine.compiler import cache
 from engine.compiler.kinds import as_kind
-from engine.compiler.machine_code import WASM, neutral_code, object_code
+from engine.compiler.machine_code import neutral_code, object_code
 from engine.compiler.shipped import FOLDER, sources_of
+from engine.compiler.targets import WASM
 from engine.compiler.wasm_module import with_exports
 from engine.export.faults import CannotExport
 from engine.export.player_bytes import Requests
@@ -38,7 +39,7 @@ def compile_module(requests: Requests) -> bytes:
 def compile_here(requests: Requests) -> bytes:
     """Compile kernels to a WebAssembly module, in a process that has compiled nothing yet."""
     codes = {name: neutral_code(*request) for name, request in requests.items()}
-    return with_exports(object_code(codes, WASM, {}), list(codes))
+    return with_exports(object_code(codes, WASM, {}).content, list(codes))
 
 
 def general_module_of(player: Player) -> str:

@@ -429,8 +429,8 @@ def play_into(address, output, frames):
 @kernel
 def portaudio_callback(source, output, frames, time, flags, address):
     """Play a block when PortAudio calls. Nothing here can raise, wait, or ask for memory."""
-    begin = monotonic_seconds()
     top = load_struct(address)
+    begin = monotonic_seconds(top.counters[Slot.CLOCK])
     memory, count = memory_in_use(top), frames & UNSIGNED_LONG
     if flags & OUTPUT_UNDERFLOW:
         memory.counters[Slot.UNDERRUNS] += 1
@@ -440,6 +440,6 @@ def portaudio_callback(source, output, frames, time, flags, address):
             silence[i] = 0.0
         return COMPLETE
     play_frames(top, output, count)
-    spent = monotonic_seconds() - begin
+    spent = monotonic_seconds(top.counters[Slot.CLOCK]) - begin
     take_load(memory, count, spent)
     return CONTINUE

@@ -83,8 +83,8 @@ class EventQueue:
         table:       of an exchange of tables: the copies to make; they are kept by who made them
         ticket:      by which it can be withdrawn
         """
-        if table is None:
-            row = row._replace(start=checked_frame(row.start))
+        if table is None and (start := checked_frame(row.start)) is not row.start:
+            row = row._replace(start=start)
         entry = {"frame": None, "why": description, "row": [*row[:10], int(row.is_release)]}
         with self._lock:
             index = int(self._memory.counters[Slot.WRITE_INDEX]) + len(self._waiting)

@@ -45,6 +45,7 @@ class EventRows:
         self.patch, self.layout, self.samplerate, self.voices = patch, built.layout, samplerate, voices
         force = built.model.force
         self.force_sizes = [] if force is None else (force.table_end - force.table_begin).tolist()
+        self._lifts: dict[str, list[EventRow]] = {}  # by body: each pluck wants them
 
     # --- what there is
 
@@ -128,8 +129,11 @@ class EventRows:
 
     def lift(self, body: str) -> list[EventRow]:
         """Lift the dampers of a body."""
-        self.body(body)
-        return [row._replace(value=1.0) for row in self.of_event(make_event(LiftEvent, kind="lift", body=body))]
+        if body not in self._lifts:
+            self.body(body)
+            event = make_event(LiftEvent, kind="lift", body=body)
+            self._lifts[body] = [row._replace(value=1.0) for row in self.of_event(event)]
+        return self._lifts[body]
 
     def damp(self, body: str, sigma: float, seconds: float) -> list[EventRow]:
         """Damp a body for a while."""

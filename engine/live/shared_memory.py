@@ -16,6 +16,7 @@ class Slot(IntEnum):
     SUCCESSOR = 2  # address of the shared memory that takes over
     FADE_IN_FRAMES = 3
     FADE_OUT_FRAMES = 4
+    CLOCK = 23  # address of a Clock, for the callback of PortAudio
     # set by the audio thread
     END = 5  # frame at which playing ends
     READ_INDEX = 6  # events taken so far

@@ -66,7 +66,6 @@ def insert_event(model, state, event, value, frame):
             model.events.end[begin + cursor[EventCursor.FIRST_ACTIVE]] = frame - 1
             cursor[EventCursor.NEXT] = max(cursor[EventCursor.NEXT], cursor[EventCursor.FIRST_ACTIVE] + 1)
             unused = compact_events(model.events, state.glide_start, cursor, begin, end, frame)
-            cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
             event[EventSlot.TAKEN_AT] = DISPLACING
         if unused == end:
             event[EventSlot.TAKEN_AT] = DROPPED
@@ -224,6 +223,8 @@ def compact_events(events, glide_start, cursor, begin, end, frame):
     for over in range(kept, j):
         events.start[over] = events.end[over] = UNUSED_SLOT
     cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT] = 0, running
+    if kept < j:
+        cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN  # a damper may be among them
     return kept
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from engine.compiler.clock import clock_address
 from engine.compiler.kernels import Kernel
 from engine.compiler.kinds import INT
 from engine.compiler.semaphore import Semaphore, make_semaphore
@@ -31,6 +32,7 @@ class Helpers:
         semaphore = make_semaphore()
         crew = np.zeros(len(Crew), np.int64)
         crew[[Crew.SEMAPHORE, Crew.WAIT, Crew.POST]] = semaphore.handle, semaphore.wait, semaphore.post
+        crew[Crew.CLOCK] = clock_address()
         help_on = HELP_CREW.callable(*HELP_CREW_KINDS)
 
         def run() -> None:

@@ -34,3 +34,4 @@ class Crew(IntEnum):
     SEMAPHORE = 6
     WAIT = 7  # address of the function that waits on it
     POST = 8  # address of the function that posts it
+    CLOCK = 9  # address of a Clock

@@ -136,11 +136,11 @@ def help_crew(address):
     crew = int64_view(address, CREW_SLOTS)
     while load_acquire(crew, Crew.STOP) == 0:
         take_partitions(crew)
-        idle_since = monotonic_seconds()
+        idle_since = monotonic_seconds(crew[Crew.CLOCK])
         while not is_work_left(crew) and load_acquire(crew, Crew.STOP) == 0:
-            if monotonic_seconds() - idle_since > SPIN_SECONDS:
+            if monotonic_seconds(crew[Crew.CLOCK]) - idle_since > SPIN_SECONDS:
                 atomic_add(crew, Crew.ASLEEP, 1)
                 if not is_work_left(crew) and load_acquire(crew, Crew.STOP) == 0:
                     call_address(crew[Crew.WAIT], (crew[Crew.SEMAPHORE], -1))
                 atomic_add(crew, Crew.ASLEEP, -1)
-                idle_since = monotonic_seconds()
+                idle_since = monotonic_seconds(crew[Crew.CLOCK])

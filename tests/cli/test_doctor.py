@@ -11,8 +11,9 @@ from conftest import ROOT
 
 from engine.assembly import table_digest
 from engine.cli import doctor_command, main
-from engine.compiler import cache, shipped
+from engine.compiler import archive_trial, cache, shipped
 from engine.compiler.kernel_origin import KernelOrigin, find_origin
+from engine.compiler.targets import target_named
 from engine.live.audio_device import NO_PORTAUDIO, DeviceError
 from engine.live.midi_notes import MidiError
 from engine.runtime.job_memory import RENDER_BLOCK
@@ -132,26 +133,29 @@ def test_what_fails_says_why_and_the_rest_is_printed(name, monkeypatch, capsys):
 
 @pytest.mark.parametrize(
     ("kept", "shipped_code", "origin"),
-    [(b"code", b"code", "cache"), (None, b"code", "shipped"), (None, None, "compiler"), (b"broken", b"", "compiler")],
+    [("code", "code", "cache"), (None, "code", "shipped"), (None, None, "compiler")],
 )
 def test_the_origin_of_a_kernel_is_where_it_would_be_loaded_from(kept, shipped_code, origin, monkeypatch):
-    monkeypatch.setattr("engine.compiler.kernel_origin.cache.read_kernel", lambda *_: kept)
-    monkeypatch.setattr("engine.compiler.kernel_origin.read_shipped", lambda *_: shipped_code)
-    monkeypatch.setattr("engine.compiler.kernel_origin.load_code", lambda code: "loaded" if code == b"code" else None)
+    monkeypatch.setattr("engine.compiler.kernel_origin.load_stored", lambda *_: kept)
+    monkeypatch.setattr("engine.compiler.kernel_origin.load_shipped", lambda *_: shipped_code)
     assert find_origin(RENDER_BLOCK, ()) == origin
 
 
 def test_why_no_archive_fits_is_said(monkeypatch):
-    monkeypatch.setattr(shipped, "_fitting_archive", lambda: shipped.FOLDER / "linux-x86-64-v3.zip")
+    best = shipped.archive(target_named("linux-x86-64-v3"))
+    monkeypatch.setattr(shipped, "fitting_archive", lambda: best)
     assert shipped.explain_choice() == "linux-x86-64-v3.zip"
-    monkeypatch.setattr(shipped, "_fitting_archive", lambda: None)
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setattr(platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(shipped, "fitting_archive", lambda: None)
+    monkeypatch.setattr(shipped, "fitting_targets", lambda: [target_named("linux-x86-64-v3")])
+    monkeypatch.setattr(shipped, "sources_of", lambda _: "other sources")
     assert shipped.explain_choice() == "the shipped archives were made from other sources"
+    monkeypatch.setattr(shipped, "sources_of", lambda _: cache.source_digest())
+    monkeypatch.setattr(archive_trial, "explain_failure", lambda _: "no sound within 10 s")
+    assert shipped.explain_choice() == "linux-x86-64-v3.zip failed its trial on this machine: no sound within 10 s"
+    monkeypatch.setattr(shipped, "fitting_targets", list)
+    monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setattr(platform, "machine", lambda: "riscv64")
     assert shipped.explain_choice() == "no archive is shipped for linux on riscv64"
-    monkeypatch.setattr(sys, "platform", "darwin")
-    assert shipped.explain_choice().startswith("no archive is shipped for darwin")
 
 
 def test_levels_of_processors(monkeypatch):

@@ -4,7 +4,6 @@ import math
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,7 @@ from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import Note
 from engine.live.player import Player
 from engine.patch.tremolo import Tremolo
+from tests.compiler.test_shipped import skip_if_stale
 from tests.export.tuned_scene import STOPPED_STRING, tuned_as_it_sounds
 
 COMPILER = shutil.which("gcc")
@@ -35,20 +35,13 @@ needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no gcc")
 class Library:
     """A patch in C, compiled once: its example, and a program that plays it by a script."""
 
-    def __init__(self, scene, folder, compiler=(COMPILER,), runner=(), by_itself=None, **options):
-        """by_itself: name of a patch, which another process compiles, unless it is in the folder."""
+    def __init__(self, scene, folder, compiler=(COMPILER,), runner=(), **options):
+        skip_if_stale()
         self.scene, self.folder, self.runner = scene, folder, runner
-        if by_itself is None:
-            export_c(scene, folder, seconds=SECONDS, **options)
-        elif (folder / DRIVER.stem).exists():
-            return
-        else:
-            program = "import sys; from tests.export.test_c_library import *; "
-            program += "export_c(engine.load(sys.argv[1]), Path(sys.argv[2]), seconds=SECONDS)"
-            subprocess.run([sys.executable, "-c", program, by_itself, folder], check=True, cwd=ROOT)
+        export_c(scene, folder, seconds=SECONDS, **options)
         flags = ["-O2", "-std=gnu99", "-Wall", "-Wextra", "-Werror", f"-I{folder}"]
         for main_file in (folder / "main.c", DRIVER):
-            sources = [main_file, folder / "fdh.c", folder / "fdh_patch.o"]
+            sources = [main_file, folder / "fdh.c", *sorted(folder.glob("fdh_*.o"))]
             subprocess.run([*compiler, *flags, "-o", folder / main_file.stem, *sources, "-lm"], check=True)
 
     def example(self, *words):
@@ -76,7 +69,6 @@ def played(player, frames):
 
 @pytest.mark.hard
 @needs_compiler
-@pytest.mark.slow_for("repelled_oscillator", "marimba")
 @pytest.mark.parametrize("name", [*PATCHES, "marimba", *INSTRUMENTS])
 def test_the_samples_in_c_are_those_of_the_engine(name, library):
     audio, error = library(name).example()
@@ -84,7 +76,6 @@ def test_the_samples_in_c_are_those_of_the_engine(name, library):
     assert error < 1e-12
 
 
-@pytest.mark.slow
 @pytest.mark.hard
 @needs_compiler
 def test_steps_chosen_by_error_are_as_many_as_in_a_rendering(tmp_path):
@@ -113,7 +104,6 @@ def test_a_hammer_in_c_strikes_as_in_live_sound(library):
     assert np.abs(expected[1000:]).max() > 1e-6
 
 
-@pytest.mark.slow
 @pytest.mark.hard
 @needs_compiler
 def test_a_pluck_in_c_is_that_of_live_sound(library):

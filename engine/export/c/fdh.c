@@ -30,14 +30,15 @@ extern const control fdh_controls[]; /* pads, then sliders */
 extern const int64_t fdh_levels[FDH_LEVELS];
 extern const unsigned char fdh_scene_score[], fdh_scene_keys[];
 extern const int64_t fdh_pointers_score[], fdh_pointers_keys[];
-void fdh_play(void *memory, int64_t output, int64_t frames);
-void fdh_render_score(void), fdh_insert_score(void), fdh_render_keys(void), fdh_insert_keys(void);
+FDH_KERNELS /* declares the functions that FDH_LAYOUTS names */
+
+typedef int64_t (*play_into)(void *memory, int64_t output, int64_t frames);
 
 /* A part of the patch: the memory of a player of the engine. An instrument has two: its score, and its keys. */
 typedef struct {
     const unsigned char *scene; /* at its first sample */
     const int64_t *pointers;    /* places of addresses in it; they count from its beginning */
-    void (*render)(void), (*insert)(void);
+    void (*play)(void), (*render)(void), (*insert)(void);
     int64_t size, pointer_count, memory, render_at, insert_at, counters, events, values, audio, spare, balance;
 } layout;
 static const layout LAYOUTS[FDH_PARTS] = {FDH_LAYOUTS};
@@ -118,7 +119,8 @@ void fdh_process(fdh *patch, double *out, int frames) {
             if (!sounds(patch, n)) continue;
             unsigned char *scene = patch->parts[n];
             const double *audio = (const double *)(scene + LAYOUTS[n].audio);
-            fdh_play(scene + LAYOUTS[n].memory, (intptr_t)(scene + LAYOUTS[n].spare), count);
+            play_into play = (play_into)LAYOUTS[n].play;
+            play(scene + LAYOUTS[n].memory, (intptr_t)(scene + LAYOUTS[n].spare), count);
             for (int i = 0; i < size; i++) out[i] = summed ? out[i] + audio[i] : audio[i];
             summed = 1;
         }

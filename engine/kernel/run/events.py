@@ -91,33 +91,34 @@ def lift_dampers_of_joined(events, rows, other, cursor, j, frame):
 
 @noinline
 def execute_event(model, state, j, frame):
-    """Execute event j, which is not damping, at the start of this step."""
+    """Execute event j, which changes motion or a parameter, at the start of this step."""
     events = model.events
     if events.kind[j] == EventKind.STRIKE or events.kind[j] == EventKind.LAUNCH_AND_LIFT:
         set_motion(model, state, events.target_begin[j], events.value[j], events.value2[j])
         if events.kind[j] == EventKind.LAUNCH_AND_LIFT:
             lift_dampers_of_struck(events, model.contact, state.event_cursor, j, frame)
-    elif events.kind[j] == EventKind.LIFT:
-        modes = events.target_begin[j], events.target_end[j]
-        lift_dampers(events, state.event_cursor, j, modes, frame, events.value[j] != 0.0)
     else:
         advance_glide(model, state, j, frame)
 
 
 @inline
-def acts_in_steps(kind):
-    """True if events of a kind act while they last, within steps: dampers, and what pushes. All others act at the start
-    of a step."""
-    return kind == EventKind.DAMP or is_pushing(kind)
+def changes_at_start(kind):
+    """True if events of a kind change motion or a parameter at the start of a step. Dampers and what pushes act within
+    steps, and a lift only ends dampers."""
+    return not (kind == EventKind.DAMP or kind == EventKind.LIFT or is_pushing(kind))
 
 
 @inline
 def end_former(events, state, first, j, frame):
-    """End what event j, which begins, takes the place of: of events `first` to j, those of its kind and target; but not
-    damping that lasts longer."""
+    """End what event j, which begins, takes the place of: of events `first` to j, those of its kind and target, but not
+    damping that lasts longer. A lift ends dampers, and is over."""
     kind = events.kind[j]
     if is_pushing(kind):
         return
+    if kind == EventKind.LIFT:
+        modes = events.target_begin[j], events.target_end[j]
+        lift_dampers(events, state.event_cursor, j, modes, frame, events.value[j] != 0.0)
+        events.end[j] = frame
     for i in range(first, j):
         if events.kind[i] == kind and events.target_begin[i] == events.target_begin[j]:
             is_same = events.target_end[i] == events.target_end[j]
@@ -134,8 +135,9 @@ def begin_due_events(events, state, frame):
     following = first = cursor[EventCursor.NEXT]
     while following < events.kind.shape[0] and events.start[following] <= frame:
         end_former(events, state, cursor[EventCursor.FIRST_ACTIVE], following, frame)
+        if events.kind[following] == EventKind.DAMP:
+            cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
         following += 1
-        cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
     cursor[EventCursor.NEXT] = following
     return following > first
 
@@ -168,7 +170,7 @@ def run_due_events(model, state, frame):
 def is_executed(model, state, j, frame):
     """True if event j, which has begun, acts at the start of this step."""
     events = model.events
-    acts = frame < events.end[j] and not acts_in_steps(events.kind[j])
+    acts = frame < events.end[j] and changes_at_start(events.kind[j])
     return acts or ends_late(model, state, j, frame)
 
 
@@ -188,6 +190,8 @@ def forget_finished(events, state, frame):
     cursor, pushing, gliding = state.event_cursor, 0, 0
     first, running = cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]
     for j in range(running - 1, first - 1, -1):
+        if events.kind[j] == EventKind.DAMP and events.end[j] <= frame:
+            cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN
         if events.end[j] > frame:
             running -= 1
             pushing += is_pushing(events.kind[j])
@@ -196,8 +200,7 @@ def forget_finished(events, state, frame):
                 move_event(events, j, running)
                 state.glide_start[running] = state.glide_start[j]
     cursor[EventCursor.PUSHING], cursor[EventCursor.GLIDING] = pushing, gliding
-    if cursor[EventCursor.FIRST_ACTIVE] != running:
-        cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.DAMPED] = running, DampedModes.UNKNOWN
+    cursor[EventCursor.FIRST_ACTIVE] = running
 
 
 @inline
@@ -226,6 +229,6 @@ def has_starts_or_ends(events, cursor, frame):
     """True if an event that has begun is over, or acts at the start of this step: what acts within steps needs no
     call."""
     for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
-        if events.end[j] <= frame or not acts_in_steps(events.kind[j]):
+        if events.end[j] <= frame or changes_at_start(events.kind[j]):
             return True
     return False

@@ -17,7 +17,7 @@ from engine.compiler import cache, cache_files
 TRIED = "FDH_TRIED_ARCHIVE"  # of the environment of the process that makes the trial: the archive that it may use
 SCENES = "engine.offline.trial_scenes"  # the program: it prints the digest of the samples
 SECONDS = 10.0  # after which a trial has failed
-PASSED = b"passed"
+PASSED = "passed"
 MARK = ".trial"
 
 
@@ -28,22 +28,18 @@ def tried_archive() -> Path | None:
 
 
 @lru_cache
-def is_passed(path: Path) -> bool:
-    """True if the kernels of an archive run on this machine; where that is not known yet, they are tried."""
+def find_result(path: Path, samples: str) -> str:
+    """Return PASSED, or why the kernels of an archive do not run on this machine. The first time, they are tried, and a
+    failure is said. samples: the digest that is expected"""
     if not _can_start_python():
-        return True
+        return PASSED
     result = _kept_result(path)
     if result is None:
-        result = _try(path)
+        result = _try(path, samples)
         _keep_result(path, result)
         if result != PASSED:
-            cache.warn_once(f"{path.name} does not run on this machine ({result.decode()}); its kernels are compiled")
-    return result == PASSED
-
-
-def explain_failure(path: Path) -> str:
-    """Return why an archive failed."""
-    return (_kept_result(path) or b"").decode() or "the result could not be kept"
+            cache.warn_once(f"{path.name} does not run on this machine ({result}); its kernels are compiled")
+    return result
 
 
 def _can_start_python() -> bool:
@@ -51,10 +47,8 @@ def _can_start_python() -> bool:
     return bool(sys.executable) and not getattr(sys, "frozen", False)
 
 
-def _try(path: Path) -> bytes:
+def _try(path: Path, samples: str) -> str:
     """Return PASSED, or why an archive failed."""
-    from engine.compiler.shipped import SAMPLES, read_about
-
     environment = os.environ | {TRIED: str(path), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     command = [sys.executable, "-m", SCENES]
     try:
@@ -62,25 +56,26 @@ def _try(path: Path) -> bytes:
             command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, timeout=SECONDS, check=False
         )
     except subprocess.TimeoutExpired:
-        return f"no sound within {SECONDS:g} s".encode()
+        return f"no sound within {SECONDS:g} s"
     except OSError as error:
-        return f"it could not be tried: {error.strerror}".encode()
+        return f"it could not be tried: {error.strerror}"
     if ran.returncode:
         last = ran.stderr.decode("utf-8", "replace").strip().splitlines()[-1:]
-        return f"its trial ended with {ran.returncode}{': ' if last else ''}{''.join(last)[:200]}".encode()
-    return PASSED if ran.stdout.decode().strip() == read_about(path).get(SAMPLES) else b"its samples are others"
+        return f"its trial ended with {ran.returncode}{': ' if last else ''}{''.join(last)[:200]}"
+    return PASSED if ran.stdout.decode().strip() == samples else "its samples are others"
 
 
-def _kept_result(path: Path) -> bytes | None:
+def _kept_result(path: Path) -> str | None:
     try:
-        return cache_files.read(_mark(path))
+        content = cache_files.read(_mark(path))
     except OSError:
         return None
+    return None if content is None else content.decode()
 
 
-def _keep_result(path: Path, result: bytes) -> None:
+def _keep_result(path: Path, result: str) -> None:
     try:
-        cache_files.write(_mark(path), result)
+        cache_files.write(_mark(path), result.encode())
     except OSError:
         return
 

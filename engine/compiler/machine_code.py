@@ -24,7 +24,7 @@ from engine.compiler.struct_types import StructHandleType
 from engine.compiler.targets import WASM, Target
 from engine.compiler.wasm_arithmetic import wasm_arithmetic
 
-MEMORY_FUNCTIONS = Path(__file__).with_name("memory_functions.ll")
+MEMORY_FUNCTIONS, STACK_PROBE = (Path(__file__).with_name(f"{name}.ll") for name in ("memory_functions", "stack_probe"))
 
 
 class NeutralCode(NamedTuple):
@@ -110,9 +110,22 @@ def object_code(codes: Mapping[str, NeutralCode], target: Target, tables: Mappin
     whole.verify()
     _optimise(whole, machine)
     if codes and target is not WASM:  # which has instructions for these
-        whole.link_in(llvm.parse_assembly(MEMORY_FUNCTIONS.read_text("utf-8")))
+        _add_functions_of_c(whole, target)
     needed = sorted(f.name for f in whole.functions if f.is_declaration and not f.name.startswith("llvm."))
     return ObjectCode(bytes(machine.emit_object(whole)), needed)
+
+
+def _add_functions_of_c(whole: Any, target: Target) -> None:
+    """Add functions that instructions may become: where they are missing, a linker or a loader would have to find
+    them."""
+    added = llvm.parse_assembly(MEMORY_FUNCTIONS.read_text("utf-8"))
+    names = [function.name for function in added.functions]
+    whole.link_in(added)
+    for name in names:
+        whole.get_function(name).linkage = "internal"
+    if target.system == "win32":
+        llvm.initialize_native_asmparser()
+        whole.link_in(llvm.parse_assembly(STACK_PROBE.read_text("utf-8")))
 
 
 def _module(code: NeutralCode, entry: str, target: Target, layout: str) -> Any:

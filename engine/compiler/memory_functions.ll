@@ -1,7 +1,7 @@
 ; Functions of the C library that LLVM's instructions may become. They are linked to kernels after all else has been
 ; optimised, or their loops would become calls of themselves.
 
-define internal ptr @memset(ptr %to, i32 %value, i64 %count) nounwind {
+define ptr @memset(ptr %to, i32 %value, i64 %count) nounwind {
 entry:
   %byte = trunc i32 %value to i8
   %is_none = icmp eq i64 %count, 0
@@ -17,7 +17,7 @@ end:
   ret ptr %to
 }
 
-define internal ptr @memcpy(ptr %to, ptr %from, i64 %count) nounwind {
+define ptr @memcpy(ptr %to, ptr %from, i64 %count) nounwind {
 entry:
   %is_none = icmp eq i64 %count, 0
   br i1 %is_none, label %end, label %loop
@@ -34,7 +34,7 @@ end:
   ret ptr %to
 }
 
-define internal ptr @memmove(ptr %to, ptr %from, i64 %count) nounwind {
+define ptr @memmove(ptr %to, ptr %from, i64 %count) nounwind {
 entry:
   %is_upwards = icmp ult ptr %to, %from
   br i1 %is_upwards, label %upwards, label %downwards

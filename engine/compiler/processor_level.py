@@ -7,7 +7,7 @@ from engine.compiler.targets import V3, V4, X86_64
 X86_LEVELS = (  # the least first; each has the features of those before it, as LLVM calls them
     ("x86-64-v2", ("cx16", "popcnt", "sahf", "sse3", "sse4.1", "sse4.2", "ssse3")),
     ("x86-64-v3", V3),
-    ("x86-64-v4", V4),
+    ("x86-64-v4", V4[len(V3) :]),
 )
 ARM_FEATURES = "neon", "lse", "fullfp16", "dotprod", "bf16", "i8mm", "sve", "sve2"
 

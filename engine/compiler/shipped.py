@@ -86,8 +86,13 @@ def fitting_archive() -> Path | None:
     if switched_off():
         return None
     paths = [archive(target) for target in fitting_targets()]
-    fitting = (path for path in paths if sources_of(path) == cache.source_digest() and archive_trial.is_passed(path))
-    return next(fitting, None)
+    current = (path for path in paths if sources_of(path) == cache.source_digest())
+    return next((path for path in current if result_of_trial(path) == archive_trial.PASSED), None)
+
+
+def result_of_trial(path: Path) -> str:
+    """Return PASSED, or why the kernels of an archive do not run on this machine."""
+    return archive_trial.find_result(path, read_about(path)[SAMPLES])
 
 
 def explain_choice() -> str:
@@ -99,7 +104,7 @@ def explain_choice() -> str:
     targets = fitting_targets()
     paths = [archive(target) for target in targets if sources_of(archive(target)) == cache.source_digest()]
     if paths:
-        return f"{paths[0].name} failed its trial on this machine: {archive_trial.explain_failure(paths[0])}"
+        return f"{paths[0].name} failed its trial on this machine: {result_of_trial(paths[0])}"
     if targets:
         return "the shipped archives were made from other sources"
     machine = platform.machine().lower()

@@ -11,7 +11,7 @@ from conftest import ROOT
 
 from engine.assembly import table_digest
 from engine.cli import doctor_command, main
-from engine.compiler import archive_trial, cache, shipped
+from engine.compiler import cache, shipped
 from engine.compiler.kernel_origin import KernelOrigin, find_origin
 from engine.compiler.targets import target_named
 from engine.live.audio_device import NO_PORTAUDIO, DeviceError
@@ -150,7 +150,7 @@ def test_why_no_archive_fits_is_said(monkeypatch):
     monkeypatch.setattr(shipped, "sources_of", lambda _: "other sources")
     assert shipped.explain_choice() == "the shipped archives were made from other sources"
     monkeypatch.setattr(shipped, "sources_of", lambda _: cache.source_digest())
-    monkeypatch.setattr(archive_trial, "explain_failure", lambda _: "no sound within 10 s")
+    monkeypatch.setattr(shipped, "result_of_trial", lambda _: "no sound within 10 s")
     assert shipped.explain_choice() == "linux-x86-64-v3.zip failed its trial on this machine: no sound within 10 s"
     monkeypatch.setattr(shipped, "fitting_targets", list)
     monkeypatch.setattr(sys, "platform", "linux")

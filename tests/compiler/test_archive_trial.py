@@ -24,7 +24,7 @@ PROGRAMS = {
 @pytest.fixture
 def empty_cache(tmp_path, monkeypatch):
     """A cache of this test, and nothing remembered before and after."""
-    remembered = cache.kernel_folder, cache.warn_once, archive_trial.is_passed, shipped.fitting_archive
+    remembered = cache.kernel_folder, cache.warn_once, archive_trial.find_result, shipped.fitting_archive
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     for one in remembered:
         one.cache_clear()
@@ -34,10 +34,14 @@ def empty_cache(tmp_path, monkeypatch):
 
 
 def best_archive():
-    targets = fitting_targets()
-    if not targets:
+    archives = [shipped.archive(target) for target in fitting_targets()]
+    if not archives:
         pytest.skip("no archive is for this machine")
-    return shipped.archive(targets[0])
+    return archives[0]
+
+
+def is_passed(path):
+    return shipped.result_of_trial(path) == archive_trial.PASSED
 
 
 def use_program(monkeypatch, tmp_path, source):
@@ -55,11 +59,11 @@ def test_an_archive_that_does_not_run_is_not_used_and_that_is_said_once(
     use_program(monkeypatch, tmp_path, source)
     monkeypatch.setattr(archive_trial, "SECONDS", 0.5 if kind == "it hangs" else 30.0)
     path = best_archive()
-    assert not archive_trial.is_passed(path)
-    assert archive_trial.explain_failure(path).startswith(why)
-    archive_trial.is_passed.cache_clear()  # the next process
+    assert not is_passed(path)
+    assert shipped.result_of_trial(path).startswith(why)
+    archive_trial.find_result.cache_clear()  # the next process
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: pytest.fail("it was tried again"))
-    assert not archive_trial.is_passed(path)
+    assert not is_passed(path)
     said = capfd.readouterr().err.splitlines()
     assert len(said) == 1 and f"{path.name} does not run on this machine ({why}" in said[0]
 
@@ -67,10 +71,10 @@ def test_an_archive_that_does_not_run_is_not_used_and_that_is_said_once(
 def test_one_that_runs_is_tried_once(empty_cache, monkeypatch):
     skip_if_stale()
     path = best_archive()
-    assert archive_trial.is_passed(path)
-    archive_trial.is_passed.cache_clear()
+    assert is_passed(path)
+    archive_trial.find_result.cache_clear()
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: pytest.fail("it was tried again"))
-    assert archive_trial.is_passed(path)
+    assert is_passed(path)
 
 
 def test_where_nothing_can_be_kept_each_process_tries(empty_cache, tmp_path, monkeypatch):
@@ -78,8 +82,8 @@ def test_where_nothing_can_be_kept_each_process_tries(empty_cache, tmp_path, mon
     monkeypatch.setattr(cache, "kernel_folder", lambda: (_ for _ in ()).throw(OSError("read-only")))
     path = best_archive()
     for _ in range(2):
-        assert archive_trial.is_passed(path)
-        archive_trial.is_passed.cache_clear()
+        assert is_passed(path)
+        archive_trial.find_result.cache_clear()
 
 
 def test_two_first_starts_at_once_both_sound(empty_cache, tmp_path):
@@ -102,14 +106,14 @@ def test_code_that_is_damaged_harms_nothing(empty_cache, tmp_path, capfd):
                 text = next(s for s in lief.ELF.parse(list(content)).sections if s.name == ".text")
                 content[text.offset : text.offset + text.size] = b"\xcc" * text.size
             written.writestr(name, bytes(content))
-    assert not archive_trial.is_passed(damaged)
+    assert not is_passed(damaged)
     assert "does not run on this machine (its trial ended with -" in capfd.readouterr().err
 
 
 def test_a_program_that_is_one_file_does_not_start_itself_again(empty_cache, monkeypatch):
     monkeypatch.setattr(sys, "frozen", True, raising=False)
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: pytest.fail("it was started"))
-    assert archive_trial.is_passed(best_archive())
+    assert is_passed(best_archive())
 
 
 def test_a_trial_uses_no_kernel_that_was_compiled(empty_cache, tmp_path, monkeypatch, capfd):
@@ -119,5 +123,5 @@ def test_a_trial_uses_no_kernel_that_was_compiled(empty_cache, tmp_path, monkeyp
     with zipfile.ZipFile(empty, "w") as written:
         about = shipped.read_about(best_archive()) | {"kernels": {}}
         written.writestr(shipped.ABOUT, json.dumps(about))
-    assert not archive_trial.is_passed(empty)
+    assert not is_passed(empty)
     assert "the archive has no kernel" in capfd.readouterr().err

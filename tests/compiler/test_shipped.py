@@ -13,6 +13,7 @@ from conftest import ROOT
 
 import engine
 from engine.compiler import cache, shipped
+from engine.compiler.archive_trial import PASSED
 from engine.compiler.shipped import archive, read_about, read_part
 from engine.compiler.targets import TARGETS, WASM, fitting_targets, is_of_family, target_named
 from engine.runtime.job_memory import RENDER_BLOCK
@@ -83,7 +84,7 @@ def test_the_best_that_fits_the_processor_is_chosen(fresh_choice, monkeypatch, l
         pytest.skip("another family of processors")
     features = dict.fromkeys(target_named("linux-x86-64-v4").needed, True) | {lacking: False}
     monkeypatch.setattr(llvmlite.binding, "get_host_cpu_features", lambda: features)
-    monkeypatch.setattr("engine.compiler.archive_trial.is_passed", lambda _: True)  # this processor may not have it
+    monkeypatch.setattr(shipped, "result_of_trial", lambda _: PASSED)  # this processor may not have it
     assert shipped.fitting_archive() == archive(target_named(chosen))
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 import engine
 from bench.publish.report import ROOT, publish
+from bench.rivals.single_body_errors import TOLERANCES, as_single_body, dop853_with_events
 from engine.analysis.metrics import relative_rms_error
-from engine.analysis.other_methods import TOLERANCES, as_single_body, dop853_with_events
 from engine.assembly.build import build
 from engine.offline.simulation import Simulation, time_block
 from engine.patch.accuracy import Accuracy

@@ -6,7 +6,7 @@ import numpy as np
 
 import engine
 from bench.publish.report import figure, pin, publish
-from engine.analysis.other_method_kernels import METHODS, SingleBody, simulate
+from bench.rivals.single_body import METHODS, SingleBody, simulate
 from engine.assembly.build import build
 from engine.offline.simulation import Simulation
 

@@ -4,15 +4,16 @@ One body at a wall is also computed by other methods, at finer and finer steps; 
 with how they failed.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import engine
 from bench.accuracy import dial
 from bench.accuracy.hard import scene_of
-from bench.publish.report import FIGURES, ROOT, pin, publish
-from engine.analysis.other_method_kernels import SingleBody
-from engine.analysis.work_precision import measure_work_precision
-from engine.report import work_precision_plot
+from bench.publish.report import ROOT, figure, pin, publish
+from bench.rivals.single_body import SingleBody
+from bench.rivals.single_body_errors import MethodResult, draw_methods, methods_beside
+from engine.analysis.work_precision import WorkPrecisionStudy, measure_work_precision
+from engine.report.work_precision_plot import draw_work_precision
 
 GOAL = 1e-2
 
@@ -23,6 +24,13 @@ SHOWN = {"repelled_oscillator": "oscillator at a stop", "stiff_walls": "between 
 SETTINGS = [f"order {order}, {n} ×" for order, n in ((2, 1), (2, 4), (2, 16), (4, 1), (4, 4))]
 SETTINGS += [f"{method}, {n} ×" for method in ("RK4", "Störmer-Verlet") for n in (1, 64)]
 INSTRUMENTS = ("piano_c2", "piano_c4", "marimba", "ball_on_drum", "guitar_frets", "tanpura", "rattle")
+
+
+class Priced(NamedTuple):
+    """A scene's errors and times, at the settings of this engine and by other methods."""
+
+    study: WorkPrecisionStudy
+    others: list[MethodResult]
 
 
 def best(rows: list[dict[str, Any]], goal: float = GOAL) -> str:
@@ -36,12 +44,12 @@ def best(rows: list[dict[str, Any]], goal: float = GOAL) -> str:
 
 def table() -> None:
     """Measure error and time of all scenes."""
-    lines, priced = [], {}
+    lines, priced = list[list[str]](), dict[str, Priced]()
     for name in (*PAPERS, "stiff_walls", *INSTRUMENTS):
         scene = scene_of(*WALLS) if name == "stiff_walls" else engine.load(ROOT / "patches" / f"{name}.toml")
         found = measure_work_precision(scene, 0.05 if name == "stiff_walls" else PAPERS.get(name))
-        priced[name] = found
-        ours, theirs = found["rows"], found["others"]
+        ours, theirs = found["rows"], methods_beside(found, scene)
+        priced[name] = Priced(found, theirs)
         publish(
             f"price_{name}",
             ["setting", "error", "ns per sample", "energy error", "third-octave bands, dB", "Newton mean / max"],
@@ -58,7 +66,11 @@ def table() -> None:
             ],
             "price",
         )
-        work_precision_plot.plot_work_precision(found, name, FIGURES / f"price_{name}.png")
+        with figure(f"price_{name}", 9.0, 6.0) as axes:
+            axes.set_title(f"{name}: {found['verdict']}", size=9)
+            draw_work_precision(axes, found)
+            if theirs:
+                draw_methods(axes, theirs)
         plain = next(r for r in ours if r["setting"] == "order 2, 1 ×")
         lines.append(
             [
@@ -77,12 +89,13 @@ def table() -> None:
     beside(priced)
 
 
-def beside(priced: dict[str, dict[str, Any]]) -> None:
+def beside(priced: dict[str, Priced]) -> None:
     """Error, time and energy error at some settings, three scenes beside each other."""
     lines = []
     for setting in SETTINGS:
         rows = [
-            [r for r in [*priced[name]["rows"], *priced[name]["others"]] if r["setting"] == setting] for name in SHOWN
+            [r for r in [*priced[name].study["rows"], *priced[name].others] if r["setting"] == setting]
+            for name in SHOWN
         ]
         line = [setting]
         for row in (r[0] if r else None for r in rows):

@@ -8,7 +8,7 @@ from bench.accuracy.hard import CASES, RATE
 from bench.accuracy.hard import error as relative
 from bench.accuracy.metric import ALPHAS, DECADES, preservation
 from bench.publish.report import ROOT, figure, pin, publish
-from engine.analysis.other_method_kernels import simulate
+from bench.rivals.single_body import simulate
 from engine.assembly.build import build
 from engine.offline.simulation import Simulation, time_block
 from engine.patch.accuracy import Accuracy

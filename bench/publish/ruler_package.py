@@ -7,14 +7,13 @@ import sys
 from pathlib import Path
 
 from bench.publish.report import ROOT
-from engine.problems.library import FOLDER, VERSION
+from bench.ruler.contact_ruler.library import VERSION
 
-SOURCES = ROOT / "bench" / "ruler" / "package"
-MODULES = {  # of the engine, and what they are called in the package
-    **{f"engine.problems.{name}": name for name in ("library", "problem", "trajectory", "score", "leader_board")},
+SOURCES = ROOT / "bench" / "ruler" / "package"  # what is beside the modules
+MODULES = ROOT / "bench" / "ruler" / "contact_ruler"
+OF_THE_ENGINE = {  # modules that the scorer shares with the engine, and what they are called in the package
     "engine.analysis.metrics": "metrics",
     "engine.offline.statistics_base": "statistics_base",
-    "engine.problems": "__init__",
 }
 PROJECT = f"""\
 [project]
@@ -46,12 +45,11 @@ def write_package(folder: Path) -> None:
     """Write the package to a folder, which may exist."""
     package = folder / "contact_ruler"
     package.mkdir(parents=True, exist_ok=True)
-    for module, name in MODULES.items():
-        path = ROOT.joinpath(*module.split(".")).with_suffix(".py")
-        path = path if path.exists() else path.with_suffix("") / "__init__.py"
+    modules = {path.stem: path for path in MODULES.glob("*.py")}
+    modules |= {name: ROOT.joinpath(*module.split(".")).with_suffix(".py") for module, name in OF_THE_ENGINE.items()}
+    for name, path in modules.items():
         (package / f"{name}.py").write_text(rename_imports(path.read_text("utf-8")), "utf-8")
-    shutil.copytree(FOLDER, package / "references", dirs_exist_ok=True)
-    shutil.copy(SOURCES / "__main__.py", package)
+    shutil.copytree(MODULES / "references", package / "references", dirs_exist_ok=True)
     for name in ("README.md", "CITATION.cff", "leader_board.csv", "verlet.py"):
         shutil.copy(SOURCES / name, folder)
     shutil.copy(ROOT / "LICENSE", folder)
@@ -60,7 +58,6 @@ def write_package(folder: Path) -> None:
 
 def rename_imports(source: str) -> str:
     """Return the source of a module with the names that modules have in the package."""
-    for module, name in MODULES.items():
-        renamed = "contact_ruler" if name == "__init__" else f"contact_ruler.{name}"
-        source = re.sub(rf"\b{re.escape(module)}\b(?!\.)", renamed, source)
-    return source
+    for module, name in OF_THE_ENGINE.items():
+        source = re.sub(rf"\b{re.escape(module)}\b(?!\.)", f"contact_ruler.{name}", source)
+    return source.replace("bench.ruler.contact_ruler", "contact_ruler")

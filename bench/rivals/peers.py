@@ -2,7 +2,7 @@
 
 The same scheme written by hand in C; explicit mass-interaction models, as Faust's mi.lib compiles them; leapfrog with a
 discrete gradient in NumPy; an adaptive solver of SciPy; and the fixed-step methods of
-engine.analysis.other_method_kernels. The sources in C and Faust are beside this file.
+bench.rivals.single_body. The sources in C and Faust are beside this file.
 """
 
 import ctypes
@@ -20,8 +20,9 @@ from bench.accuracy.hard import scene_of
 from bench.performance.instruments import FRAMES, RATE, measure
 from bench.publish.report import ROOT, pin, publish
 from bench.rivals.leapfrog import Leapfrog
+from bench.rivals.single_body import SingleBody
+from bench.rivals.single_body_errors import methods_beside
 from bench.scenes.families import bank, hammered
-from engine.analysis.other_method_kernels import SingleBody
 from engine.analysis.work_precision import measure_work_precision
 from engine.assembly.array_memory import align_to_cache_lines
 from engine.assembly.build import build
@@ -371,8 +372,9 @@ def matched(name: str, scene: engine.Scene, seconds: float) -> list[list[str]]:
     """Rows of an adaptive solver and of the cheapest of the fixed-step methods, each at settings that meet the goal."""
     found, rows = measure_work_precision(scene, seconds), []
     own = cheapest(found["rows"], GOAL)
-    adaptive = [r for r in found["others"] if r["setting"].startswith("DOP853")]
-    fixed = [r for r in found["others"] if r not in adaptive]
+    others = methods_beside(found, scene)
+    adaptive = [r for r in others if r["setting"].startswith("DOP853")]
+    fixed = [r for r in others if r not in adaptive]
     for peers, lacks in (
         (adaptive, "not in real time; inexact energy"),
         (fixed, "inexact energy; unstable for stiff contacts"),

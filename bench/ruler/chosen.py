@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.publish.report import figure, pin, publish
+from bench.ruler.contact_ruler import NAMES, load_problem
 from bench.ruler.problems import SAMPLERATE, ruler_scene
 from engine.analysis.metrics import relative_rms_error
 from engine.assembly.build import build
 from engine.offline.simulation import Simulation
 from engine.offline.trace import allocate_trace
 from engine.patch.accuracy import MAX_SUBSTEPS, ORDER_4_ERROR
-from engine.problems import NAMES, load_problem
 from engine.report.figures import BLUE, GREY, ORANGE
 
 ERRORS = [1e-2, 1e-3, 1e-4, 1e-5]

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.ruler.collocation import Nodes
+from bench.ruler.contact_ruler.problem import Problem
 from bench.ruler.rubbing import Bristles, Rubbing, as_rubbing, friction_forces, rates, reach
-from engine.problems.problem import Problem
 
 MAX_ROUNDS = 80  # of a fixed-point iteration
 

@@ -5,11 +5,11 @@ import time
 import numpy as np
 
 import engine
+from bench.ruler.contact_ruler import Problem, Trajectory, load_problem
 from bench.ruler.methods.common import not_applicable
 from bench.ruler.problems import SAMPLERATE, ruler_scene
 from engine.assembly.build import build
 from engine.offline.simulation import Simulation
-from engine.problems import Problem, Trajectory, load_problem
 
 RUNS = 5
 MAX_SECONDS = 2.0  # of all runs

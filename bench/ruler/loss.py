@@ -6,12 +6,12 @@ import time
 import numpy as np
 
 from bench.publish.report import publish
+from bench.ruler.contact_ruler import load_problem
 from bench.ruler.problems import SAMPLERATE, ruler_scene
 from engine.analysis.metrics import relative_rms_error
 from engine.assembly.build import build
 from engine.offline.simulation import Simulation
 from engine.patch.accuracy import MAX_SUBSTEPS
-from engine.problems import load_problem
 
 SCENES = {
     "joined": "two joined bodies without loss",

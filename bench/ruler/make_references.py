@@ -32,13 +32,12 @@ import numpy as np
 
 import engine
 from bench.ruler import reference
+from bench.ruler.contact_ruler.library import FOLDER
+from bench.ruler.contact_ruler.problem import Problem, Reference, read_problem, save_problem
 from bench.ruler.problems import NAMES, SAMPLERATE, as_problem, ruler_scene
 from bench.ruler.taylor import solve_by_series
 from engine.analysis.metrics import horizon
-from engine.files import PACKAGE_FOLDER
-from engine.problems.problem import Problem, Reference, read_problem, save_problem
 
-FOLDER = PACKAGE_FOLDER / "problems" / "references"
 DIGESTS = FOLDER / "digests.json"
 PERTURBATION = 1e-9  # of the initial modes, relative
 MAX_DIFFERENCE = 1e-12  # share of the peak

@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 
 import engine
+from bench.ruler.contact_ruler.library import NAMES
+from bench.ruler.contact_ruler.problem import Friction, Problem
 from engine.assembly.build import build
 from engine.assembly.connection_coordinates import find_stretching
 from engine.assembly.contact_points import BodyPoint, offset
 from engine.assembly.friction import friction_points
 from engine.assembly.layout import Layout
 from engine.patch.friction import Friction as FrictionTable
-from engine.problems.library import NAMES
-from engine.problems.problem import Friction, Problem
 
 __all__ = ["NAMES", "as_problem", "ruler_scene"]
 

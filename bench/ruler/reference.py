@@ -15,8 +15,8 @@ import numpy as np
 
 from bench.ruler.collocated_step import System, as_system, forces, iterate, select_contacts, stretching
 from bench.ruler.collocation import Nodes, Real, gauss_nodes, integral_to, value_at
+from bench.ruler.contact_ruler.problem import Problem
 from bench.ruler.rubbing import Bristles, at_rest, excess_and_slope, excess_of, friction_forces, reach, stored_in, turn
-from engine.problems.problem import Problem
 
 EPSILON = np.finfo(Real).eps
 OPEN, PRESSING, SLACK = 0, 1, 2  # a slack contact is compressed, and leaves faster than its force would follow

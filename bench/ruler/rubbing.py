@@ -1,4 +1,5 @@
-"""Points of friction (engine.problems.problem) for the collocation of bench.ruler.reference: their law and its events.
+"""Points of friction (bench.ruler.contact_ruler.problem) for the collocation of bench.ruler.reference: their law
+and events.
 
 While a point is stuck its bristle bends with the slip of the surfaces; while it slides, on a side of 1 or -1, the bend
 is side·N·μ(θ)/k, and θ has a differential equation of its own. Both are smooth. A point slides when its bend would
@@ -9,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.problems.problem import Friction, Problem
+from bench.ruler.contact_ruler.problem import Friction, Problem
 
 
 class Rubbing(NamedTuple):

@@ -18,11 +18,11 @@ import numpy as np
 from bench.publish import stale
 from bench.publish.report import RESULTS, figure, pin, publish, stamp
 from bench.ruler.chosen import ERRORS, settings_for_error
+from bench.ruler.contact_ruler import NAMES, Problem, Reference, Score, Trajectory, load_problem, score
 from bench.ruler.engine_method import simulate_by_engine, simulate_oscillator_by_engine
 from bench.ruler.methods import FAMILIES
 from bench.ruler.methods.common import was_applicable
 from bench.ruler.stability import largest_stable_stiffness
-from engine.problems import NAMES, Problem, Reference, Score, Trajectory, load_problem, score
 
 SUBSTEPS = (1, 2, 4, 16)
 ROUNDING = 1e-16  # what is smaller counts as 0

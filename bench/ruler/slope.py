@@ -9,11 +9,11 @@ import numpy as np
 
 import engine
 from bench.publish.report import publish
+from bench.ruler.contact_ruler import Problem, Trajectory
 from bench.ruler.methods import FAMILIES
 from engine.assembly.build import build
 from engine.offline.simulation import Simulation
 from engine.patch.accuracy import Accuracy
-from engine.problems import Problem, Trajectory
 
 RATE = 1000.0  # Hz
 SPEED = 5.0  # m/s

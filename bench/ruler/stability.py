@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from engine.problems.problem import Problem
-from engine.problems.trajectory import Trajectory
+from bench.ruler.contact_ruler.problem import Problem
+from bench.ruler.contact_ruler.trajectory import Trajectory
 
 FREQUENCY = 440.0  # Hz
 AMPLITUDE = 1e-3  # m, at which the oscillator of 1 kg is let go

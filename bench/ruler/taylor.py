@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.problems.problem import Friction, Problem
+from bench.ruler.contact_ruler.problem import Friction, Problem
 
 Real = np.longdouble
 OPEN, PRESSING, SLACK = 0, 1, 2  # a slack contact is compressed, and leaves faster than its force would follow
@@ -272,7 +272,7 @@ def change(status: np.ndarray, point: Point, column: int) -> None:
 
 
 def solve_by_series(problem: Problem) -> tuple[np.ndarray, np.ndarray, int]:
-    """Displacement [frames + 1], m, and force [frames], N (engine.problems.problem), and the number of events
+    """Displacement [frames + 1], m, and force [frames], N (bench.ruler.contact_ruler.problem), and the number of events
     (EventCount)."""
     q, p = problem.q.astype(Real), problem.p.astype(Real)
     sample, frames, pickup = 1 / Real(problem.samplerate), problem.frames, problem.pickup.astype(Real)

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.analysis.finer_scene import FinerScene
-from engine.analysis.other_methods import TIMED_RUNS
 from engine.analysis.study_progress import StudyProgress, StudyRun, study_run
 from engine.assembly.build import build
 from engine.assembly.table_changes import scored_tables
@@ -22,6 +21,7 @@ from engine.patch.scene import Scene
 from engine.patch.tables import MAX_CHANNELS
 
 REFERENCE_RATE = 4  # times the sample rate, where that refines anything
+TIMED_RUNS = 3  # of a setting, at most, of which the fastest counts
 TIMED_EMPTY_CALLS = 10  # of which the fastest is what a call costs
 
 

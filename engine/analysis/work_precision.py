@@ -21,10 +21,9 @@ from engine.analysis.metrics import (
     rebound_velocity,
     relative_rms_error,
 )
-from engine.analysis.other_methods import TIMED_RUNS, MethodResult, compare_methods
 from engine.analysis.silence import explain_silence
 from engine.analysis.study_progress import Report, StudyProgress, study_run
-from engine.analysis.study_runs import Run, StudyRuns
+from engine.analysis.study_runs import TIMED_RUNS, Run, StudyRuns
 from engine.assembly.build import build
 from engine.faults import BuildError
 from engine.offline.statistics_base import Statistics
@@ -69,7 +68,6 @@ class WorkPrecisionStudy(Statistics):
     seconds: float
     samplerate: int
     rows: list[SettingResult]
-    others: list[MethodResult]
     unmeasured: str | None  # why nothing can be measured
     verdict: str
     horizon: float | None = None  # s, to which errors can be taken
@@ -151,7 +149,7 @@ def measure_work_precision(
         accuracy = used[setting].replace(silence=scene.accuracy.silence)
         nanoseconds = study_runs.measure_cost(f"timing {setting.name}", accuracy)
         rows.append(_result_row(setting, done[setting], reference, samplerate, nanoseconds))
-    progress.finish("comparing with other methods")
+    progress.finish("comparing errors")
     finest, frames = reference.run, reference.frames
     study = WorkPrecisionStudy(
         seconds=seconds,
@@ -164,7 +162,6 @@ def measure_work_precision(
         first_contact_ms=first_contact_ms(finest.forces, samplerate),
         rebound=_first_rebound(finest),
         rows=_mark_pareto_optimal(rows),
-        others=compare_methods(scene, finest.audio[:, 0], samplerate, frames),
         unmeasured=None,
         verdict="",
         left_out=study_runs.finer.left_out,
@@ -244,7 +241,7 @@ def _explain_unmeasurable(scene: Scene, run: Run, seconds: float, samplerate: in
 
 def _empty_study(seconds: float, samplerate: int, reason: str) -> WorkPrecisionStudy:
     """The study of a scene that gives nothing to measure."""
-    return WorkPrecisionStudy(seconds, samplerate, [], [], reason, f"nothing can be measured: {reason}")
+    return WorkPrecisionStudy(seconds, samplerate, [], reason, f"nothing can be measured: {reason}")
 
 
 def _first_rebound(run: Run) -> float:

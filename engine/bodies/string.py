@@ -25,6 +25,7 @@ from engine.bodies.tips import Compliance, Tip, sum_modes
 from engine.wording import format_value
 
 MAX_TENSION = 1e9  # N
+LIGHTEST_MATERIAL = 1.0  # kg/m³, lighter than any string: a smaller density is one in kg/m
 NUMBERS = np.arange(1.0, MAX_MODES + 1)
 
 
@@ -134,13 +135,18 @@ class String(LineBody):
 
     @classmethod
     def _material_faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
-        """A modulus and a density go with a diameter. A density without one is that of an old patch, in kg/m."""
+        """A modulus and a density go with a diameter. A density without one, or too small for any material, can be that
+        of an old patch, in kg/m: both readings are named."""
         young, density = is_given(table, "young"), is_given(table, "density")
-        if density and not is_given(table, "diameter"):
-            value = format_value(table["density"])
-            message = f"{value} kg/m³, and no diameter is given"
-            remedy = f"give the diameter in m; if {value} kg/m is meant, its name is linear_density"
-            yield make_fault((*path, "density"), table["density"], message, remedy)
+        if density:
+            value, has_diameter = format_value(table["density"]), is_given(table, "diameter")
+            linear = f"if {value} kg/m is meant, its name is linear_density"
+            if not has_diameter:
+                message, remedy = f"{value} kg/m³, and no diameter is given", f"give the diameter in m; {linear}"
+                yield make_fault((*path, "density"), table["density"], message, remedy)
+            elif are_positive([table["density"]]) and table["density"] < LIGHTEST_MATERIAL:
+                message, remedy = f"{value} kg/m³ is lighter than any string", f"give that of its material; {linear}"
+                yield make_fault((*path, "density"), table["density"], message, remedy)
         if young and not is_given(table, "core_diameter") and not is_given(table, "diameter"):
             remedy = "young in Pa goes with diameter in m, or core_diameter of a wound string"
             yield make_fault(path, table, "no diameter is given", remedy)

@@ -28,7 +28,6 @@ from engine.cli.patch_commands import add_patch_commands
 from engine.cli.play_command import add_play_command
 from engine.cli.render_command import add_render_command
 from engine.cli.replay_command import add_replay_command
-from engine.cli.score_command import add_score_command
 from engine.cli.sweep_command import add_sweep_command
 from engine.faults import BuildError, PatchError
 from engine.files import find_patch, is_folder, path_exists, shipped_names
@@ -40,7 +39,6 @@ COMMAND_GROUPS = (
     add_sweep_command,
     add_replay_command,
     add_accuracy_command,
-    add_score_command,
     add_export_command,
     add_inspect_command,
     add_level_command,
@@ -49,6 +47,9 @@ COMMAND_GROUPS = (
     add_doctor_command,
 )
 DEFAULT = "render"  # what is done to a patch, where no command is given
+FORMER_COMMANDS = {  # and where they went
+    "score": "the problems and their scorer are a package of their own, contact_ruler: see docs/ruler.md"
+}
 OF_THE_PROGRAM = ("-h", "--help", "--version")
 COMMAND_WORD = re.compile(r"[\w-]{1,40}")  # what may be a misspelt command or shipped patch: no path
 EXAMPLE = "tanpura"
@@ -145,10 +146,12 @@ def list_shipped() -> str:
 
 
 def suggest_command(word: str, commands: list[str]) -> str:
-    """Suggest the command that was meant by a first word. Return "" if the word is a command, a file, a shipped patch,
-    or a path, which the reader of patches explains better."""
+    """Suggest the command that was meant by a first word, or say where a former one went. Return "" if the word is a
+    command, a file, a shipped patch, or a path, which the reader of patches explains better."""
     if word.startswith("-") or not COMMAND_WORD.fullmatch(word) or path_exists(find_patch(word)):
         return ""
+    if word in FORMER_COMMANDS:
+        return FORMER_COMMANDS[word]
     files = sorted(Path().glob("*.toml")) if is_folder(Path()) else []
     meant = {name: name for name in shipped_names()} | {path.stem: str(path) for path in files}
     meant |= {command: command for command in commands}

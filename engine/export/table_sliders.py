@@ -11,7 +11,7 @@ from engine.export.scene_bytes import SceneBytes
 from engine.live.key_allocator import KeyAllocator
 from engine.live.key_bends import KeyBends, bent_parameters
 from engine.live.midi_notes import Note
-from engine.patch.live_parameters import LivePath, current_path, explain_unknown, value_at
+from engine.patch.live_parameters import LivePath, explain_unknown, value_at
 from engine.patch.live_ranges import live_range
 
 POSITIONS = 12  # of a slider on either side of the patch's value …
@@ -46,10 +46,9 @@ def paths_of_sliders(player: RowRecorder, parameters: Sequence[str]) -> dict[str
     CannotExport for an unknown one."""
     known, paths = player.live_paths, dict[str, LivePath | None]()
     for parameter in parameters:
-        name = current_path(known, parameter)
-        if name not in known and parameter != BEND:
+        if parameter not in known and parameter != BEND:
             raise CannotExport(explain_unknown(parameter, list(known)))
-        paths[name] = known.get(name)
+        paths[parameter] = known.get(parameter)
     return paths
 
 

@@ -15,7 +15,6 @@ from engine.live.midi_notes import Move
 from engine.live.player import Player
 from engine.patch.control_rules import paths_of_keys
 from engine.patch.frames import frame_count
-from engine.patch.live_parameters import current_path
 from engine.patch.scene import Scene
 from engine.wording import to_one_line
 
@@ -248,7 +247,7 @@ def targets_of_voice(player: Player, parameter: str, voice: int) -> list[str]:
         name = str(int(name) + voice * len(getattr(player.patch, section, [])))
     else:
         name = f"{name}_{voice}"
-    path = current_path(player.live_paths, f"{section}.{name}.{keys}")
+    path = f"{section}.{name}.{keys}"
     return [path] if path in player.live_paths else []
 
 

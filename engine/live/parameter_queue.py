@@ -16,7 +16,7 @@ from engine.live.audio_memory import MAX_FRAMES
 from engine.live.event_queue import EventQueue
 from engine.live.shared_memory import SharedMemory, Slot
 from engine.patch.frames import nearest_frame
-from engine.patch.live_parameters import LivePath, current_path, explain_unknown
+from engine.patch.live_parameters import LivePath, explain_unknown
 from engine.patch.scene import Scene
 from engine.patch.tables import MAX_SECONDS
 
@@ -63,17 +63,15 @@ class ParameterQueue:
 
     def checked_value(self, parameter: str, value: float) -> NewValue:
         """A value as it can be queued. Raises KeyError if there is no such parameter, TypeError, ValueError."""
-        name = self._present_name(parameter)
-        new = NewValue(self._paths[name], name, checked_number(name, value))
+        new = NewValue(self._path_of(parameter), parameter, checked_number(parameter, value))
         self._tables.check_range(new)
         return new
 
-    def _present_name(self, parameter: str) -> str:
-        """The name that a parameter has now. Raises KeyError if there is no such parameter."""
-        name = current_path(self._paths, parameter)
-        if name not in self._paths:
+    def _path_of(self, parameter: str) -> LivePath:
+        """The path of a parameter. Raises KeyError, which names those that there are, if there is no such parameter."""
+        if parameter not in self._paths:
             raise KeyError(explain_unknown(parameter, list(self._paths)))
-        return name
+        return self._paths[parameter]
 
     def keep(self, parameter: str, value: float) -> None:
         """Remember what a parameter that glides in the audio thread has been given."""
@@ -81,8 +79,8 @@ class ParameterQueue:
 
     def value(self, parameter: str) -> float:
         """The value of a parameter: where it glides to. Raises KeyError if there is no such parameter."""
-        name = self._present_name(parameter)
-        return self._values.get(name, self._tables.value(self._paths[name]))
+        path = self._path_of(parameter)
+        return self._values.get(parameter, self._tables.value(path))
 
     @property
     def tables(self) -> TableChanges:

@@ -7,7 +7,7 @@ from typing import Any
 from pydantic_core import InitErrorDetails
 
 from engine.bodies.table import make_fault
-from engine.patch.live_parameters import LivePath, current_path, explain_unknown, live_paths, names_of, with_value
+from engine.patch.live_parameters import LivePath, explain_unknown, live_paths, with_value
 
 Faults = Iterator[InitErrorDetails]
 
@@ -17,12 +17,10 @@ KEY_NAME = r"[A-G]s?m?\d+_"
 
 def paths_of_keys(paths: dict[str, LivePath], parameter: str) -> list[str]:
     """The live parameters that a path stands for: itself; or in an instrument, that of each key and copy."""
-    parameter = current_path(paths, parameter)
     if parameter in paths or parameter.count(".") < 2:
         return [parameter] if parameter in paths else []
-    section, name, _ = parameter.split(".", 2)
-    rests = "|".join(re.escape(one.split(".", 2)[2]) for one in names_of(parameter))
-    pattern = re.compile(rf"{re.escape(section)}\.{KEY_NAME}{re.escape(name)}\d*\.({rests})")
+    section, name, rest = map(re.escape, parameter.split(".", 2))
+    pattern = re.compile(rf"{section}\.{KEY_NAME}{name}\d*\.{rest}")
     return [path for path in paths if pattern.fullmatch(path)]
 
 
@@ -31,27 +29,24 @@ def check_changes(scene: Any) -> Faults:
     changes = [(i, event) for i, event in enumerate(scene.event) if getattr(event, "parameter", None) is not None]
     paths = live_paths(scene, True) if changes else {}
     for i, event in changes:
-        parameter = current_path(paths, event.parameter)
-        if parameter not in paths:
+        if event.parameter not in paths:
             message, _, remedy = explain_unknown(event.parameter, list(paths)).partition("; ")
             yield make_fault(("event", i, "parameter"), event.parameter, message, f"{remedy}; see fdh params")
             continue
         try:
-            with_value(scene, paths[parameter], parameter, event.value)
+            with_value(scene, paths[event.parameter], event.parameter, event.value)
         except ValueError as error:
             message, _, remedy = str(error).partition("; ")
             yield make_fault(("event", i, "value"), event.value, message, remedy)
 
 
 def as_plain_change(event: Any, paths: dict[str, LivePath]) -> Any:
-    """A change by the path of a parameter, with the names that keys have now; of one that the audio thread glides, as
-    one of its contact or connection."""
+    """A change by the path of a parameter; of one that the audio thread glides, as one of its contact or connection."""
     if getattr(event, "parameter", None) is None:
         return event
-    parameter = current_path(paths, event.parameter)
-    path = paths[parameter]
+    path = paths[event.parameter]
     if not path.is_glided:
-        return event.model_copy(update={"parameter": parameter})
+        return event
     return event.model_copy(
         update={"parameter": None, "value": None, path.section: path.name, str(path.keys[0]): event.value}
     )

@@ -86,11 +86,14 @@ def suggest_key(error: Any) -> str:
 
 
 def similar_word(word: str, known: Iterable[str]) -> str:
-    """The known word that an unknown one most resembles, or begins with (`young_modulus`); or ""."""
+    """The known word that an unknown one most resembles, or begins with (`young_modulus`), or that begins with it
+    (`bending`); or ""."""
     word, words = word[:MAX_KEY_CHARACTERS], list(known)
     if close := difflib.get_close_matches(word, words, 1, 0.6):
         return close[0]
-    return max((begin for begin in words if word.startswith(f"{begin}_")), key=len, default="")
+    if begins := [begin for begin in words if word.startswith(f"{begin}_")]:
+        return max(begins, key=len)
+    return min((longer for longer in words if longer.startswith(f"{word}_")), key=len, default="")
 
 
 def suggestion(word: str, known: list[str], prefix: str = "", suffix: str = "") -> str:

@@ -13,7 +13,9 @@ KEYS: dict[str, dict[str, str]] = {
     "body": dict.fromkeys(("spring", "springs", "glue", "joint", "connection", "damper", "rigid", "attach", "on"), JOIN)
     | dict.fromkeys(("bridge", "board", "soundboard", "end", "termination"), f"{END}; {TOUCH}")
     | {"height": "the height of a shell is its length"}
-    | dict.fromkeys(("youngs_modulus", "elastic_modulus"), "Young's modulus is young, Pa"),
+    | dict.fromkeys(("youngs_modulus", "elastic_modulus"), "Young's modulus is young, Pa")
+    | {"sigma1": 'the decay rate per wave number β is sigma_beta, m/s; per β² it is of decay = { kind = "bilbao" }'}
+    | {"sigma3": "the decay rate per wave number β³ is sigma_beta3, m³/s"},
     "contact": dict.fromkeys(
         ("glue", "joint", "rigid", "rest", "damping", "damping_coefficient"), f"a contact only pushes; {JOIN}"
     ),
@@ -25,6 +27,9 @@ KEYS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("glue", "joint", "fixed"), "rigid = true"),
     },
 }
+AREA_DENSITY = "kg/m² is area_density; of a material in kg/m³, that is its density times the thickness"
+LINEAR_DENSITY = "kg/m is linear_density; of a material in kg/m³, that is its density times the cross-section"
+DENSITIES = {"bar": LINEAR_DENSITY, "membrane": AREA_DENSITY, "plate": AREA_DENSITY}  # by kind, the readings of density
 END_KEYS = ("stiffness", "damping", "damping_coefficient", "rigid", "rest")  # of connections, but not of ends
 
 # by section, what a kind may be meant by
@@ -64,6 +69,8 @@ def explain_key(section: str, key: str, kinds: list[str]) -> str:
     """Return the name that an unknown key has here, or ""; kinds: of the table with that key"""
     if section == "connection" and kinds == ["end"] and key in END_KEYS:
         return "an end has none: the tension of the string acts there"
+    if section == "body" and key == "density" and len(kinds) == 1 and kinds[0] in DENSITIES:
+        return DENSITIES[kinds[0]]
     return KEYS.get(section, {}).get(key.lower(), "") or answer_word(key)
 
 

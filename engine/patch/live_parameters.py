@@ -6,7 +6,7 @@ there, sample by sample. All else is part of tables that are made when a scene i
 these are made anew and exchanged, in steps (engine.assembly.table_exchange).
 """
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from difflib import get_close_matches
 from typing import Any, NamedTuple
 
@@ -14,7 +14,6 @@ from pydantic import BaseModel, ValidationError
 
 from engine.patch.friction import CHANGED_KEYS
 from engine.patch.live_ranges import FACTORS, live_range
-from engine.patch.renamed_keys import RENAMED
 from engine.patch.tables import SpringConnection
 from engine.wording import describe_violation
 
@@ -127,18 +126,6 @@ def _numbers_within(value: Any) -> Iterator[tuple[str | int, ...]]:
     elif isinstance(value, list | dict):
         for key, inner in enumerate(value) if isinstance(value, list) else value.items():
             yield from ((key, *keys) for keys in _numbers_within(inner))
-
-
-def names_of(parameter: str) -> list[str]:
-    """The path of a parameter, and those that it has now if its key is an old one (engine.patch.renamed_keys)."""
-    table, _, key = parameter.rpartition(".")
-    renamed = RENAMED.get(parameter.partition(".")[0], {}).get(key, {})
-    return [parameter, *(f"{table}.{new}" for new in renamed)]
-
-
-def current_path(known: Container[str], parameter: str) -> str:
-    """The path of a parameter with the name that its key has now."""
-    return next((name for name in names_of(parameter) if name in known), parameter)
 
 
 def explain_unknown(parameter: str, known: Sequence[str]) -> str:

@@ -15,7 +15,7 @@ LEAST = {  # by key, in SI units; what may be 0 may still be 0
     "mass": 1e-12,
     "linear_density": 1e-12,
     "area_density": 1e-9,
-    "density": 1e-3,
+    "density": 1.0,
     "volume": 1e-12,
     "tension": 1e-6,
     "bending_stiffness": 1e-20,

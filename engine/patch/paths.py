@@ -14,7 +14,6 @@ from engine.instrument.expansion import is_instrument
 from engine.patch.error_messages import suggestion
 from engine.patch.parameters import list_parameters
 from engine.patch.reader import DOCUMENT, S, validate_document
-from engine.patch.renamed_keys import current_key
 from engine.patch.scene_tables import SceneTables
 
 NUMBER = re.compile(r"\[(\d+)\]")  # of a table, in the paths of faults
@@ -60,9 +59,8 @@ def locate(path: str, scene: SceneTables, data: dict[str, Any]) -> tuple[KeyPath
     node: Any = scene
     key_path: KeyPath = ()
     integer, prefix, dotted = False, "", NUMBER.sub(r".\1", path)
-    for word in dotted.split("."):
-        part = _current_part(word, key_path, node)
-        integer, suffix = False, dotted[len(prefix + word) :]
+    for part in dotted.split("."):
+        integer, suffix = False, dotted[len(prefix + part) :]
         if isinstance(node, BaseModel):
             fields = type(node).model_fields
             if part not in fields:
@@ -80,7 +78,7 @@ def locate(path: str, scene: SceneTables, data: dict[str, Any]) -> tuple[KeyPath
         else:
             fault = "is not in the patch; write it there" if node is None else "has no parts; leave out what follows it"
             raise ValueError(f"{path}: {prefix[:-1]} {fault}")
-        prefix += f"{word}."
+        prefix += f"{part}."
     _refuse_table(path, node)
     key_path = _path_of_bow(data, key_path)
     _check_in_document(data, key_path, path)
@@ -96,15 +94,6 @@ def _path_of_bow(data: dict[str, Any], key_path: KeyPath) -> KeyPath:
     if not isinstance(number, int) or not plain <= number < plain + len(data.get("bow") or []):
         return key_path
     return ("bow", number - plain, *keys)
-
-
-def _current_part(part: str, key_path: KeyPath, node: Any) -> str:
-    """A part of a path, with the name that it has now if it is the old one of a key. node: the table that it is of"""
-    if not isinstance(node, BaseModel | dict):
-        return part
-    section = next((key for key in reversed(key_path) if isinstance(key, str)), "")
-    kind = node.get("kind") if isinstance(node, dict) else getattr(node, "kind", None)
-    return current_key(section, kind, part)
 
 
 def _refuse_table(path: str, node: Any) -> None:

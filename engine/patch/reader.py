@@ -3,7 +3,6 @@
 import difflib
 import re
 import tomllib
-import warnings
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 from pydantic import ValidationError
 
 from engine.bodies.table import KeyPath
-from engine.faults import Fault, PatchError, PatchWarning
+from engine.faults import Fault, PatchError
 from engine.files import MB, SHIPPED_PATCHES, UnreadableFile, find_patch, is_folder, read_bytes, shortest_name
 from engine.instrument.expansion import Expansion, is_instrument
 from engine.instrument.key_writer import Origins
@@ -26,7 +25,6 @@ from engine.patch.error_messages import (
     path_to_blame,
 )
 from engine.patch.misspelt import Slip, find_slips, find_wrong_guesses, spell_right
-from engine.patch.renamed_keys import RenamedKeys, rename_keys
 from engine.patch.scene_tables import MAX_FAULTS_COLLECTED, SceneTables
 from engine.patch.toml_lines import NestedTooDeep, locate_keys, nearest_line, split_statements
 from engine.wording import program_name, to_one_line
@@ -60,15 +58,7 @@ def read_scene(kind: type[S], path: str | Path | dict[str, Any]) -> S:
     data = _parse_toml(str(path), text)
     if not data:
         raise PatchError([Fault("", f"empty; {program_name()} new NAME writes a first patch", str(path))])
-    renamed = RenamedKeys()
-    try:
-        return validate_document(kind, data, path.parent, str(path), text, renamed)
-    finally:
-        keys = list(renamed.first_of_each())
-        lines = locate_keys(text) if keys else {}
-        for key in keys:
-            note = Fault(format_path(key.path), str(key), str(path), nearest_line(lines, key.path))
-            warnings.warn(str(note), PatchWarning, stacklevel=3)  # where `fdh.load` is called
+    return validate_document(kind, data, path.parent, str(path), text)
 
 
 def read_text(path: Path) -> str:
@@ -84,18 +74,15 @@ def read_text(path: Path) -> str:
     return text
 
 
-def validate_document(
-    kind: type[S], data: dict[str, Any], folder: Path, file: str, text: str, renamed: RenamedKeys | None = None
-) -> S:
+def validate_document(kind: type[S], data: dict[str, Any], folder: Path, file: str, text: str) -> S:
     """Make a scene of a document. Raises PatchError.
 
     kind:   the class of the scene
     folder: where the files lie that the document names
     file:   the name of the patch in faults
     text:   the TOML that the document was read from, for the lines of faults; "" if there is none
-    renamed: where to put the old keys that the document has
     """
-    result = _validate(kind, data, folder, RenamedKeys() if renamed is None else renamed)
+    result = _validate(kind, data, folder)
     if isinstance(result, SceneTables):
         return result
     faults = _make_faults(file, text, _explain_slips(kind, data, folder, result))
@@ -105,7 +92,7 @@ def validate_document(
 def validate_expansion(kind: type[S], document: Any, folder: Path, expansion: Expansion) -> S:
     """Make a scene of an instrument that is written out for other keys or another score. Raises PatchError, with paths
     of its document."""
-    result = _validate(kind, document, folder, RenamedKeys(), expansion)
+    result = _validate(kind, document, folder, expansion)
     if isinstance(result, SceneTables):
         return result
     raise PatchError([replace(fault, line=None) for fault in _make_faults(DOCUMENT, "", result)])
@@ -126,7 +113,7 @@ def _explain_slips(
                 break
             misspelt += slips
             spelt = spell_right(spelt, slips)
-            validated = _validate(kind, spelt, folder, RenamedKeys())
+            validated = _validate(kind, spelt, folder)
             result = [] if isinstance(validated, SceneTables) else validated
         wrong = find_wrong_guesses(misspelt, ((blamed.error, blamed.path) for blamed in result))
         if not wrong:
@@ -146,23 +133,23 @@ class BlamedError(NamedTuple):
 
 
 def _validate(
-    kind: type[S], data: dict[str, Any], folder: Path, renamed: RenamedKeys, expansion: Expansion | None = None
+    kind: type[S], data: dict[str, Any], folder: Path, expansion: Expansion | None = None
 ) -> S | list[BlamedError]:
     """Make a scene of a document, or list what is wrong with it. expansion: of an instrument, if not its own score's"""
     origins: Origins = {}
-    context = {"folder": folder, "origins": origins, "renamed": renamed, "expansion": expansion}
+    context = {"folder": folder, "origins": origins, "expansion": expansion}
     try:
         return kind.model_validate(data, context=context)
     except ValidationError as error:
-        return _once_each(_blame(e, origins, renamed) for e in error.errors(include_url=False))
+        return _once_each(_blame(e, origins) for e in error.errors(include_url=False))
 
 
 def locate_faults(file: str, faults: list[Fault]) -> list[Fault]:
     """Add the file and the lines of a patch to faults that have only the paths of its keys."""
     try:
-        text, renamed, origins = read_text(Path(file)), RenamedKeys(), Origins()
+        text, origins = read_text(Path(file)), Origins()
         lines = locate_keys(text)
-        document = rename_keys(tomllib.loads(text), renamed)
+        document = tomllib.loads(text)
         if not is_instrument(document):
             expand_bows(document, False, origins)
     except (PatchError, ValueError):  # the file was changed since
@@ -171,7 +158,7 @@ def locate_faults(file: str, faults: list[Fault]) -> list[Fault]:
     for fault in faults:
         path = _parse_path(fault.path)
         table = origins.get((str(path[0]), int(path[1]))) if len(path) > 1 and isinstance(path[1], int) else None
-        place = renamed.path_in_patch((*table[0], *path[2:]) if table else path)
+        place = (*table[0], *path[2:]) if table else path
         named = fault.path if place == path else format_path(place)
         located.append(replace(fault, path=named, file=file, line=nearest_line(lines, place)))
     return located
@@ -211,13 +198,13 @@ def _make_syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> 
     return Fault("", f"not valid TOML{column} ({message}); {remedy}", file, line)
 
 
-def _blame(error: Any, origins: Origins, renamed: RenamedKeys) -> BlamedError:
+def _blame(error: Any, origins: Origins) -> BlamedError:
     """Find the key to blame for an error. origins: of the tables of an instrument that were written out"""
     path = path_to_blame(error)
     if len(path) < 2 or (table := (str(path[0]), path[1])) not in origins:
-        return BlamedError(error, renamed.path_in_patch(path), "")
+        return BlamedError(error, path, "")
     origin, key = origins[table]
-    return BlamedError(error, renamed.path_in_patch((*origin, *path[2:])), key)
+    return BlamedError(error, (*origin, *path[2:]), key)
 
 
 def _once_each(errors: Iterable[BlamedError]) -> list[BlamedError]:

@@ -13,7 +13,6 @@ from engine.bodies.decay import DECAY_LAWS
 from engine.bodies.initial_shape import INITIAL_SHAPES
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
 from engine.patch.number_format import format_number, split_unit
-from engine.patch.renamed_keys import RENAMED
 
 REFERENCE_PREFACE = """# Patches: every key
 
@@ -102,18 +101,7 @@ def reference_page() -> str:
         lines += [PICTURES[name], ""] if name in PICTURES else []
         for title, model in inner.items():
             lines += [f"### `{title}`", "", *_table_section(schema["definitions"][model])]
-    lines += ["", *_renamed_section()]
     return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
-
-
-def _renamed_section() -> list[str]:
-    """Lines that list the old names of keys."""
-    lines = ["## Old names", "", "Old names still work in patches and in paths; a note gives the new name.", ""]
-    lines += ["| table | old | new | |", "| --- | --- | --- | --- |"]
-    for section, names in RENAMED.items():
-        for old, new in names.items():
-            lines += [f"| {section} | `{old}` | `{name}` | {meaning} |" for name, meaning in new.items()]
-    return lines
 
 
 def top_level(schema: dict[str, Any]) -> dict[str, Any]:

@@ -5,7 +5,6 @@
 
 import copy
 import math
-import warnings
 from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
@@ -18,7 +17,6 @@ from engine.arithmetic.plain_numbers import power
 from engine.bodies import Body
 from engine.bodies.csv_files import read_modes, read_shape
 from engine.bodies.table import KeyPath, Table, make_fault
-from engine.faults import PatchWarning
 from engine.files import check_regular_file
 from engine.instrument.expansion import expand, is_instrument
 from engine.instrument.tables import Keyboard, KeyTables, Note, Pedal
@@ -31,7 +29,6 @@ from engine.patch.frames import SAMPLE_RATE_RANGE
 from engine.patch.friction import Friction
 from engine.patch.live_parameters import live_paths
 from engine.patch.positions import tables_of
-from engine.patch.renamed_keys import RenamedKeys, rename_keys
 from engine.patch.rules import check_rules
 from engine.patch.tables import MAX_GRAVITY, MAX_SECONDS, Connection, Contact, Event, Force, Pickup, SampledForce
 from engine.patch.tremolo import Tremolo
@@ -104,14 +101,10 @@ class SceneTables(Table):
         scene = None
         context = info.context or {}
         folder, document = Path(context.get("folder", ".")), None
-        if isinstance(data, dict):
-            renamed = context.get("renamed", RenamedKeys())
-            data = rename_keys(data, renamed)
-            faults += renamed.faults
-            if "renamed" not in context:
-                _warn_of_old_names(renamed)
         if is_instrument(data):
-            document, expansion = data, context.get("expansion") or expand(_limit_integers(data))
+            expansion = context.get("expansion")
+            document = data if expansion is not None else copy.deepcopy(data)  # which who gave it may change
+            expansion = expansion or expand(_limit_integers(data))
             data = expansion.document
             if "origins" in context:
                 context["origins"].update(expansion.origins)
@@ -186,12 +179,6 @@ class SceneTables(Table):
         changed = self.model_copy()
         changed._output_gains = self._output_gains | {channel: gain}
         return changed
-
-
-def _warn_of_old_names(renamed: RenamedKeys) -> None:
-    """Say once which keys of a document have better names now, where `model_validate` is called."""
-    for key in renamed.first_of_each():
-        warnings.warn(f"{'.'.join(map(str, key.path))}: {key}", PatchWarning, stacklevel=4)
 
 
 def _limit_integers(value: Any) -> Any:

@@ -311,7 +311,7 @@ def reference_note(study: "WorkPrecisionStudy") -> str:
 
 
 def work_precision_rows(study: "WorkPrecisionStudy") -> list[tuple[str, ...]]:
-    """Settings and other methods as rows of cells, their heads first. A star marks settings that are Pareto-optimal."""
+    """Settings as rows of cells, their heads first. A star marks those that are Pareto-optimal."""
     head = "setting", "error", "bands", "decay", "pitch", "1st contact", "rebound", "impulse", "ns/sample", "real time"
     rows: list[tuple[str, ...]] = [("", *head, "Newton mean/p99/max", "energy error")]
     for row in study["rows"]:
@@ -333,11 +333,6 @@ def work_precision_rows(study: "WorkPrecisionStudy") -> list[tuple[str, ...]]:
                 f"{row['energy_error']:.0e}",
             )
         )
-    for row in study["others"]:
-        error = row["failed"] or f"{row['error']:.1e}"
-        speed = format_factor(1e9 / row["ns_per_sample"] / study["samplerate"])
-        measured = (f"{row['ns_per_sample']:.0f}", speed, "", f"{row['energy_error']:.0e}")
-        rows.append(("", row["setting"], error, *[""] * 6, *measured))
     return rows
 
 

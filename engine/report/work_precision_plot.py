@@ -1,20 +1,15 @@
-"""The plot of a work-precision study: error against time, of the settings of this engine and of other methods."""
+"""The plot of a work-precision study: error against time, of its settings."""
 
 import math
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from engine.report.figures import BLUE, PLOT_STYLES, new_figure, note_size, set_title
 
 if TYPE_CHECKING:
-    from engine.analysis.other_methods import MethodResult
     from engine.analysis.work_precision import SettingResult, WorkPrecisionStudy
 
-METHOD_COLOURS = "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#6b5b95", "#a0522d"
-METHOD_MARKERS = "xP^vsD"
 GREY = "0.55"
 LABEL_OFFSETS = [  # points from the middle of a label's side to the point it names, the nearest first
     (dx * distance, dy * distance)
@@ -35,7 +30,7 @@ def plot_work_precision(study: "WorkPrecisionStudy", title: str, path: Path, sty
 
 
 def draw_work_precision(axes: Any, study: "WorkPrecisionStudy") -> None:
-    """Draw error against time, of the settings and of other methods; methods that failed stand along the top."""
+    """Draw error against time of the settings, or the error of bands where that of the motion is unknown."""
     if not study["rows"]:
         axes.set_axis_off()
         return
@@ -44,7 +39,6 @@ def draw_work_precision(axes: Any, study: "WorkPrecisionStudy") -> None:
         ("error", "log", "relative error") if has_errors else ("bands_db", "linear", "third-octave bands, dB")
     )
     if has_errors:
-        _draw_methods(axes, study["others"])
         front = sorted((r["ns_per_sample"], r["error"]) for r in study["rows"] if r["front"])
         axes.plot(*zip(*front, strict=True), color=BLUE, lw=1.5, label="this engine, Pareto-optimal settings")
     for row in study["rows"]:
@@ -54,8 +48,6 @@ def draw_work_precision(axes: Any, study: "WorkPrecisionStudy") -> None:
     axes.xaxis.set_major_formatter("{x:g}")
     axes.xaxis.set_minor_formatter("{x:g}" if _is_short(axes.get_xlim()) else "")
     axes.grid(True, which="both", alpha=0.2)
-    if has_errors and study["others"]:
-        axes.legend(loc="lower left")
     _label_settings(axes, study["rows"], key)
 
 
@@ -70,8 +62,7 @@ def _label_settings(axes: Any, rows: "list[SettingResult]", key: str) -> None:
     figure.draw_without_rendering()  # a layout is made, and sizes of texts are known
     inside = axes.get_window_extent()
     points = axes.transData.transform([(row["ns_per_sample"], row[key]) for row in rows])
-    legend = axes.get_legend()
-    taken = [] if legend is None else [legend.get_window_extent()]
+    taken: list[Any] = []
 
     def place(label: Any, offset: tuple[int, int]) -> Any:
         dx, dy = offset
@@ -93,21 +84,3 @@ def _label_settings(axes: Any, rows: "list[SettingResult]", key: str) -> None:
 def _align(offset: float, positive: str, negative: str) -> str:
     """Return the alignment of a label at an offset from its point."""
     return positive if offset > 0 else negative if offset < 0 else "center"
-
-
-def _draw_methods(axes: Any, rows: "list[MethodResult]") -> None:
-    """Draw error against time of other methods, a line each."""
-    methods: dict[str, list[MethodResult]] = {}
-    for row in rows:
-        methods.setdefault(row["setting"].rpartition(",")[0], []).append(row)
-    for n, (method, runs) in enumerate(methods.items()):
-        valid, colour = [r for r in runs if not r["failed"]], METHOD_COLOURS[n % len(METHOD_COLOURS)]
-        times, errors = [r["ns_per_sample"] for r in valid], [r["error"] for r in valid]
-        marker = METHOD_MARKERS[n % len(METHOD_MARKERS)]
-        axes.plot(times, errors, f"{marker}--", ms=5, lw=0.8, color=colour, label=method)
-        failed = [r["ns_per_sample"] for r in runs if r["failed"]]
-        if failed:
-            failures = sorted({r["failed"].partition(" at ")[0] for r in runs if r["failed"]})
-            label = f"{method}: {', '.join(failures)}"
-            height = np.full(len(failed), 0.98 - 0.03 * n)  # of the axes
-            axes.plot(failed, height, "X", color=colour, label=label, transform=axes.get_xaxis_transform())

@@ -8,10 +8,10 @@ from conftest import mostly_hard
 
 import engine
 from bench.accuracy import estimates
+from bench.ruler import contact_ruler
 from bench.ruler.problems import ruler_scene
 from bench.scenes.small import mass, scene
 from bench.scenes.struck import random_collision
-from engine import problems
 from engine.analysis.error_estimate import trusted_frames
 from engine.analysis.finer_scene import with_same_modes
 from engine.analysis.metrics import relative_rms_error
@@ -81,8 +81,10 @@ def test_bodies_that_are_damped_heavily_have_an_estimate():
 @pytest.mark.hard
 def test_the_estimate_is_near_the_error_of_the_certified_problems():
     ratios = {}
-    for name in problems.NAMES:
-        known = problems.load_problem(name)[1].displacement[:-1, None]  # a rendering has the state before each step
+    for name in contact_ruler.NAMES:
+        known = contact_ruler.load_problem(name)[1].displacement[
+            :-1, None
+        ]  # a rendering has the state before each step
         scene_of_problem = ruler_scene(name)
         for order in (2,) if scene_of_problem.friction else (2, 4):
             ratios[name, order] = ratio_to_error(scene_of_problem, known, order=order)

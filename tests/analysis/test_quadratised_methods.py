@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import engine
+from bench.ruler.contact_ruler import Trajectory, load_problem, score
+from bench.ruler.contact_ruler.problem import Problem
 from bench.ruler.methods import METHODS as ALL
 from bench.ruler.methods import quadratised_contacts as rules
 from bench.ruler.methods.common import was_applicable
@@ -14,8 +16,6 @@ from bench.ruler.methods.modal_steps import CENTRED, IMPULSE, build_recurrence
 from bench.ruler.methods.quadratised import ONE_STEP, run
 from bench.ruler.methods.spline import run as run_spline
 from bench.ruler.problems import as_problem, ruler_scene
-from engine.problems import load_problem, score
-from engine.problems.problem import Problem
 
 METHODS = {name: method for name, method in ALL.items() if "SAV" in name or "spline" in name}
 CONSERVING = (
@@ -37,7 +37,7 @@ def problem_of(name: str, frames: int | None = None) -> Problem:
     return problem if frames is None else problem._replace(frames=frames)
 
 
-def modal_energy(problem: Problem, trajectory: engine.problems.trajectory.Trajectory) -> np.ndarray:
+def modal_energy(problem: Problem, trajectory: Trajectory) -> np.ndarray:
     """Energy of the modes at samples, J."""
     q, p = trajectory.q, trajectory.p
     return np.sum(0.5 * p**2 + 0.5 * (problem.omega * q) ** 2 - problem.weight * q, axis=1)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from conftest import slope
 
+from bench.rivals.single_body import SingleBody, simulate
+from bench.ruler.contact_ruler import load_problem
+from bench.ruler.contact_ruler.problem import Friction, Problem, energy_of
 from bench.ruler.methods import METHODS
 from bench.ruler.methods.common import was_applicable
 from bench.ruler.methods.dop853 import simulate_dop853
 from bench.ruler.problems import as_problem, ruler_scene
 from bench.ruler.stability import largest_stable_stiffness, meeting_a_barrier
-from engine.analysis.other_methods import SingleBody, simulate
-from engine.problems import load_problem
-from engine.problems.problem import Friction, Problem, energy_of
 
 SECOND = ["Störmer-Verlet", "Störmer-Verlet, linear part exact", "implicit midpoint"]
 FOURTH = ["RK4", "RK4, linear part exact"]

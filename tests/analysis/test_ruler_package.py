@@ -2,15 +2,17 @@
 
 import csv
 import hashlib
+import re
 import subprocess
 import sys
 
 import pytest
+from conftest import ROOT
 
 from bench.publish.ruler_package import SOURCES, main
-from engine.problems import NAMES
-from engine.problems.leader_board import COLUMNS, MEASURES
-from engine.problems.library import FOLDER, VERSION
+from bench.ruler.contact_ruler import NAMES
+from bench.ruler.contact_ruler.leader_board import COLUMNS, MEASURES
+from bench.ruler.contact_ruler.library import FOLDER, VERSION
 
 DIGEST = {
     "1.0": "fe16f1acc57f881d3c68b82fb234374e6485f2b6552c3722840d10dd4aa3d016",
@@ -42,6 +44,11 @@ def test_the_package_needs_nothing_of_the_engine(folder):
     assert run(folder, "-c", f"import sys, contact_ruler, contact_ruler.leader_board; print({engine})") == "[]\n"
     assert f'version = "{VERSION}"' in (folder / "pyproject.toml").read_text("utf-8")
     assert f'version: "{VERSION}"' in (folder / "CITATION.cff").read_text("utf-8")
+
+
+def test_the_example_of_the_page_runs_without_the_engine(folder):
+    (example,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "docs" / "ruler.md").read_text("utf-8"), re.M | re.S)
+    assert run(folder, "-c", example) == ""
 
 
 @pytest.mark.hard

@@ -8,10 +8,10 @@ import pytest
 import scipy
 
 from bench.ruler import reference
+from bench.ruler.contact_ruler.problem import Friction, Problem, energy_of, read_problem, stretching_force
 from bench.ruler.make_references import DIGESTS, FOLDER, MAX_DIFFERENCE, digest_arrays
 from bench.ruler.problems import NAMES, as_problem, ruler_scene
 from bench.ruler.taylor import solve_by_series
-from engine.problems.problem import Friction, Problem, energy_of, read_problem, stretching_force
 
 SAMPLERATE = 44_100.0
 LOSSLESS = ("barrier", "repelled_oscillator", "bouncing_ball", "walls", "stretching_string", "joined")

@@ -108,6 +108,6 @@ def test_a_study_names_its_phases(monkeypatch):
         phases.append(phase)
 
     measure_work_precision(engine.load(ROOT / "patches" / "bouncing_ball.toml"), seconds=0.02, report=report)
-    words = "order 2, 16 ×", "refining the reference: order 6, 4 ×", "timing order 4, 1 ×", "comparing with other"
+    words = "order 2, 16 ×", "refining the reference: order 6, 4 ×", "timing order 4, 1 ×", "comparing errors"
     assert all(word in "\n".join(phases) for word in words)
     assert phases[0] == "building" and shares[0] == 0.0 and shares[-1] == pytest.approx(0.95)

@@ -58,7 +58,7 @@ def test_the_paper_scheme_is_not_trusted_with_heavy_damping(tmp_path, capsys):
     assert not fdh.stats["trusted"] and "paper's scheme" in fdh.stats["reasons"][0]
     assert exact.stats["trusted"]
     patch = tmp_path / "heavy.toml"
-    body = '[[body]]\nname = "body"\nkind = "mass"\nmass = 1.0\ndamping = 1e5\n[[pickup]]\nbody = "body"\n'
+    body = '[[body]]\nname = "body"\nkind = "mass"\nmass = 1.0\ndamping_rate = 1e5\n[[pickup]]\nbody = "body"\n'
     patch.write_text(f"gravity = 9.81\n{body}")
     assert main.main([str(patch), "-o", str(tmp_path / "a.wav"), "--seconds", "0.05", "--scheme", "fdh"]) == 0
     assert "NOT TO BE TRUSTED" in capsys.readouterr().out

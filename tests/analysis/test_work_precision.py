@@ -1,6 +1,5 @@
 """What accuracy costs: the table, the choice, and the measures behind them."""
 
-import itertools
 import json
 import time
 from types import SimpleNamespace
@@ -10,8 +9,7 @@ import pytest
 from conftest import ROOT
 
 import engine
-from engine.analysis import metrics, other_methods, work_precision
-from engine.analysis.other_methods import compare_methods
+from engine.analysis import metrics, work_precision
 from engine.analysis.work_precision import measure_work_precision
 from engine.cli import main
 from engine.offline.simulation import THREAD_CLOCK, time_block
@@ -109,31 +107,6 @@ def test_measures():
     assert 10_000 - 221 <= metrics.horizon(sound, away, 44_100) <= 10_000
     assert metrics.horizon(sound, sound, 44_100) == 22_050
     assert metrics.relative_rms_error(sound, sound, 0) == np.inf
-
-
-@pytest.mark.hard
-def test_other_methods_stand_beside_ours(found):
-    """The error of each falls with the step; the stiff case blows up where it must, and stays in the list."""
-    rows = {row["setting"]: row for row in found["others"]}
-    for name, falls in (("Störmer-Verlet", 14), ("implicit midpoint", 14), ("SAV", 1.5)):
-        coarse, fine = (rows[f"{name}, {n} ×"]["error"] for n in (16, 64))
-        assert coarse / fine > falls
-    assert rows["RK4, 64 ×"]["error"] < 1e-6 and rows["DOP853, 1e-10"]["error"] < 1e-5
-    assert not any(name.startswith("FDN") for name in rows)  # it has no α = 2
-    assert all(row["failed"] == "" and row["ns_per_sample"] > 0.0 for row in rows.values())
-    walls = {"stiffness": 1e13, "exponent": 1.0}
-    told = {
-        "body": [{"name": "b", "kind": "mass", "mass": 1.0, "velocity": 2.0}],
-        "contact": [
-            {"body": "b", "side": side, "barrier": at} | walls for side, at in (("above", 1e-3), ("below", -1e-3))
-        ],
-        "pickup": [{"body": "b", "quantity": "displacement"}],
-    }
-    fine = engine.render(engine.Scene.model_validate(told), seconds=0.02, order=6, substeps=16).audio[:, 0]
-    failed = {
-        row["setting"]: row["failed"] for row in compare_methods(engine.Scene.model_validate(told), fine, 44_100, 882)
-    }
-    assert failed["RK4, 1 ×"] == failed["Störmer-Verlet, 1 ×"] == "blows up"
 
 
 @pytest.mark.hard
@@ -273,22 +246,6 @@ def test_silence_on_the_command_line(tmp_path, monkeypatch, capsys):
     assert told["unmeasured"].startswith("silent; ") and told["rows"] == [] and told["horizon"] is None
     assert main.main(["accuracy", "p.toml", "--report", "p.html"]) == 0
     assert "Nothing can be measured" in (tmp_path / "p.html").read_text("utf-8")
-
-
-def test_another_method_ends_when_its_time_is_up(monkeypatch):
-    """At whichever evaluation the time is up."""
-    body = {"name": "b", "kind": "mass", "mass": 1.0, "velocity": 2.0}
-    wall = {"body": "b", "stiffness": 1e6, "exponent": 1.5}
-    walls = [wall | {"side": "above", "barrier": 1e-3}, wall | {"side": "below", "barrier": -1e-3}]
-    scene = engine.load({"body": [body], "contact": walls, "pickup": [{"body": "b", "quantity": "displacement"}]})
-    case = other_methods.as_single_body(scene)
-    assert case is not None, "one lossless mass between two walls is what the other methods can do"
-    for calls in range(2, 60):
-        clock = itertools.count()
-        monkeypatch.setattr(other_methods, "SCIPY_TIME_LIMIT", float(calls))
-        monkeypatch.setattr(other_methods, "time", SimpleNamespace(perf_counter=lambda clock=clock: float(next(clock))))
-        result = other_methods.dop853_with_events(case, np.zeros(100), 44_100, 1e-7)
-        assert "stopped" in result.failed
 
 
 STRING = {"name": "s", "kind": "string", "length": 0.65, "linear_density": 1e-3, "tension": 80.0, "modes": 12}

@@ -32,7 +32,7 @@ def test_all_names_are_those_of_the_engine():
         fdh.rendr  # noqa: B018
 
 
-@pytest.mark.parametrize("module", ["faults", "analysis", "analysis.features", "live.key_allocator", "problems.score"])
+@pytest.mark.parametrize("module", ["faults", "analysis", "analysis.features", "live.key_allocator", "sweep.plan"])
 def test_modules_are_the_same_and_no_copies(module):
     other, own = (importlib.import_module(f"{name}.{module}") for name in ("fdh", "engine"))
     assert other is own and own.__spec__.name == own.__name__ == f"engine.{module}"

@@ -92,7 +92,7 @@ def test_a_task_that_says_the_time_left_is_not_guessed_at_when_it_does_not_know(
     task(0.0, "building")
     task(0.5, "timing", 30.0)
     assert task.seconds_left() == pytest.approx(30.0, abs=1.0)
-    task(0.95, "comparing with other methods")
+    task(0.95, "comparing errors")
     assert task.seconds_left() is None and task.describe_rest() == ""
 
 

@@ -36,7 +36,7 @@ ORDER = [
     ["offline"],
     ["live", "analysis"],
     ["export"],
-    ["sweep", "report", "problems"],
+    ["sweep", "report"],
     ["api"],
     ["cli"],
 ]

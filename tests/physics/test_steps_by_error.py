@@ -8,9 +8,9 @@ import pytest
 from conftest import ROOT
 
 import engine
+from bench.ruler import contact_ruler
 from bench.ruler.problems import ruler_scene
 from bench.scenes.struck import random_collision
-from engine import problems
 from engine.analysis.error_estimate import trusted_frames
 from engine.analysis.metrics import relative_rms_error
 from engine.live.player import MAX_LIVE_SUBSTEPS, Player
@@ -22,7 +22,7 @@ SNARE = ROOT / "patches" / "snare_wires.toml"
 
 def error_of_problem(name: str, **accuracy) -> float:
     """Error of the motion of a problem of the ruler, relative to its certified reference."""
-    scene, (problem, reference) = ruler_scene(name), problems.load_problem(name)
+    scene, (problem, reference) = ruler_scene(name), contact_ruler.load_problem(name)
     rendering = engine.render(scene, (problem.frames + 1) / problem.samplerate, cores=1, kernel="general", **accuracy)
     assert rendering.stats.energy.error_max <= 1e-12
     return relative_rms_error(rendering.audio[1:], reference.displacement[1:, None], reference.horizon)
@@ -32,7 +32,7 @@ def error_of_problem(name: str, **accuracy) -> float:
     "stretching_string-4", "frets-2", "frets-4", "tanpura-4", "tanpura-2", "hammer_c2-4", "hammer_c4-4", "drum-4"
 )
 @pytest.mark.parametrize("order", [2, 4])
-@pytest.mark.parametrize("name", [name for name in problems.NAMES if name not in ("snare", "bowed_string")])
+@pytest.mark.parametrize("name", [name for name in contact_ruler.NAMES if name not in ("snare", "bowed_string")])
 def test_the_error_of_a_problem_is_about_what_was_asked(name, order):
     """But for the snare's, which is nearly chaotic; the energy balance is as exact as ever. A bowed string has no order
     4, and a test of its own."""

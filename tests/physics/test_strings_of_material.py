@@ -66,6 +66,10 @@ def test_what_is_given_comes_before_what_follows():
             "0.005 kg/m³, and no diameter is given; give the diameter in m; if 0.005 kg/m is meant, its",
         ),
         ({"density": 7850.0, "young": 2e11}, "7850.0 kg/m³, and no diameter is given"),
+        (
+            {"density": 5e-3, "diameter": 1e-3},
+            "0.005 kg/m³ is lighter than any string; give that of its material; if 0.005 kg/m is meant, its name is",
+        ),
         ({"linear_density": 5e-3, "young": 2e11}, "no diameter is given; young in Pa goes with diameter in m"),
         ({"linear_density": 5e-3, "core_diameter": 1e-3}, "no young is given"),
         ({"linear_density": 5e-3, "diameter": 1e-3}, "a diameter of no material; give density in kg/m³"),

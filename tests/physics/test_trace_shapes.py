@@ -53,7 +53,7 @@ def test_shapes_pass_through_what_is_traced_at_every_sample():
 
 
 def test_a_round_membrane_has_no_corners_and_a_still_rim():
-    head = {"name": "head", "kind": "membrane", "radius": 0.16, "density": 0.26, "tension": 3000.0, "modes": 40}
+    head = {"name": "head", "kind": "membrane", "radius": 0.16, "area_density": 0.26, "tension": 3000.0, "modes": 40}
     force = {"kind": "pluck", "body": "head", "at": [0.5, 0.5], "amplitude": 1.0, "duration": 0.003}
     trace = traced([head], [{"body": "head", "at": [0.4, 0.5]}], 0.005, force=[force]).trace
     shape, positions = trace["shape.head"], trace["shape_positions.head"]

@@ -148,7 +148,7 @@ def test_names_of_settings_cover_no_other_and_are_not_cut():
         {"setting": f"order 2, {n} ×", "ns_per_sample": x, "error": y, "front": n % 2 == 0, "bands_db": 0.0}
         for n, (x, y) in enumerate(places)
     ]
-    axes = drawn(work_precision_plot.draw_work_precision, {"rows": rows, "others": []})
+    axes = drawn(work_precision_plot.draw_work_precision, {"rows": rows})
     labels = [text.get_window_extent() for text in axes.texts]
     inside = axes.get_window_extent()
     assert len(labels) == 8

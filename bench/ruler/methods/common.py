@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
-from engine.problems.problem import Problem
-from engine.problems.trajectory import Trajectory
+from bench.ruler.contact_ruler.problem import Problem
+from bench.ruler.contact_ruler.trajectory import Trajectory
 
 TIMED_RUNS = 3
 TIMED_SECONDS = 2.0  # that the timed runs may take together
@@ -30,7 +30,7 @@ inline = numba.njit(**OPTIONS, forceinline=True)  # what is small, and part of w
 
 
 class System(NamedTuple):
-    """A problem without its start, for compiled code (engine.problems.problem)."""
+    """A problem without its start, for compiled code (bench.ruler.contact_ruler.problem)."""
 
     omega2: np.ndarray  # ω² [modes], 1/s²
     sigma: np.ndarray  # [modes], 1/s

@@ -18,9 +18,9 @@ from collections.abc import Callable
 import numpy as np
 import scipy
 
+from bench.ruler.contact_ruler.problem import Problem, energy_of, stretching_force
+from bench.ruler.contact_ruler.trajectory import Trajectory
 from bench.ruler.rubbing import Bristles, as_rubbing, excess_of, friction_forces, rates, reach, turn
-from engine.problems.problem import Problem, energy_of, stretching_force
-from engine.problems.trajectory import Trajectory
 
 GIVEN_UP_SECONDS = 20.0
 LOOKED_AT = np.array([0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1.0])  # of a step

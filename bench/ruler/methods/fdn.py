@@ -23,6 +23,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bench.ruler.contact_ruler.problem import Problem
+from bench.ruler.contact_ruler.trajectory import Trajectory
 from bench.ruler.methods.common import (
     add_forces,
     copy,
@@ -39,8 +41,6 @@ from bench.ruler.methods.common import (
     run_kernel,
     solve_linear,
 )
-from engine.problems.problem import Problem
-from engine.problems.trajectory import Trajectory
 
 
 class VelocityRule(NamedTuple):

@@ -1,4 +1,4 @@
-"""Friction (engine.problems.problem) by methods of others, on problems that have no contacts.
+"""Friction (bench.ruler.contact_ruler.problem) by methods of others, on problems that have no contacts.
 
 Störmer-Verlet: half a kick by the bristles, exact motion of the modes, half a kick, as in verlet.py. The bristles bend
 with the surfaces and are cut off at their bound; the bound and θ at the end of a step are solved together.
@@ -14,9 +14,9 @@ the error shows how much it matters.
 
 import numpy as np
 
+from bench.ruler.contact_ruler.problem import Problem
+from bench.ruler.contact_ruler.trajectory import Trajectory
 from bench.ruler.methods.common import copy, exact_flow, inline, keep, kernel, not_applicable, project, run_kernel
-from engine.problems.problem import Problem
-from engine.problems.trajectory import Trajectory
 
 MOST_TURNS = 100  # between the bound and θ
 VELOCITY, FORCE, STATIC, DYNAMIC, SPEED, MEMORY, BRISTLE = range(7)  # rows of Problem.friction

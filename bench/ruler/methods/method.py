@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from engine.problems import Problem, Trajectory
+from bench.ruler.contact_ruler import Problem, Trajectory
 
 
 class Method(NamedTuple):

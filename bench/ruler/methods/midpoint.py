@@ -16,6 +16,8 @@ the tension and the rest are found in turn.
 
 import numpy as np
 
+from bench.ruler.contact_ruler.problem import Problem
+from bench.ruler.contact_ruler.trajectory import Trajectory
 from bench.ruler.methods.common import (
     add_forces,
     copy,
@@ -31,8 +33,6 @@ from bench.ruler.methods.common import (
     run_kernel,
     solve_linear,
 )
-from engine.problems.problem import Problem
-from engine.problems.trajectory import Trajectory
 
 ACCURACY = 1e-14  # of a compression, relative to the largest; of the tension of a body that stretches
 MOST_TURNS = 100  # between the tension and the rest

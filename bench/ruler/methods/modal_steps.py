@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from bench.ruler.contact_ruler.problem import Problem, stretching_force
+from bench.ruler.contact_ruler.trajectory import Trajectory
 from bench.ruler.methods.quadratised_kernels import Flow, Recurrence
-from engine.problems.problem import Problem, stretching_force
-from engine.problems.trajectory import Trajectory
 
 CENTRED = "centred"  # two-step: centred differences, which are unstable above ωh = 2
 EXACT = "exact"  # exact frequency and decay; two-step: reach of a force as with centred differences

@@ -19,6 +19,8 @@ and has half of an impulse (exact_velocity_rule). With θ = 1/2, p is v before t
 
 import numpy as np
 
+from bench.ruler.contact_ruler.problem import Problem
+from bench.ruler.contact_ruler.trajectory import Trajectory
 from bench.ruler.methods.common import (
     add_forces,
     copy,
@@ -35,8 +37,6 @@ from bench.ruler.methods.common import (
     solve_linear,
 )
 from bench.ruler.methods.fdn import VelocityRule, exact_velocity_rule
-from engine.problems.problem import Problem
-from engine.problems.trajectory import Trajectory
 
 REGULARISED = 1e-13  # of the mean diagonal: contacts at almost one place have almost equal rows
 

@@ -38,6 +38,8 @@ from functools import partial
 
 import numpy as np
 
+from bench.ruler.contact_ruler.problem import Problem
+from bench.ruler.contact_ruler.trajectory import Trajectory
 from bench.ruler.methods import quadratised_contacts as rules
 from bench.ruler.methods import quadratised_kernels as kernels
 from bench.ruler.methods.common import not_applicable
@@ -45,8 +47,6 @@ from bench.ruler.methods.method import STEPS, Method
 from bench.ruler.methods.modal_steps import EXACT, IMPULSE, best_of_three, build_flow, build_recurrence, start_of
 from bench.ruler.methods.quadratised_contacts import Contacts
 from bench.ruler.methods.quadratised_stretch import begin_stretch
-from engine.problems.problem import Problem
-from engine.problems.trajectory import Trajectory
 
 ONE_STEP = "one-step"
 

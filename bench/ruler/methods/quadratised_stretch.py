@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
+from bench.ruler.contact_ruler.problem import Problem
 from bench.ruler.methods.quadratised_contacts import LARGEST_CHANGE, REGULATED, REGULATED_NON_ADHESIVE, SINGLE, STEEPEST
-from engine.problems.problem import Problem
 
 OPTIONS: dict[str, Any] = {"cache": True, "error_model": "numpy", "fastmath": {"reassoc"}}  # sums in any order
 

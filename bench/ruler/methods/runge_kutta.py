@@ -8,6 +8,8 @@ The force of a step is that of its stages, weighted as the method weighs them: (
 that of the force's smoothness: below 4 where a contact closes with a small exponent.
 """
 
+from bench.ruler.contact_ruler.problem import Problem
+from bench.ruler.contact_ruler.trajectory import Trajectory
 from bench.ruler.methods import friction
 from bench.ruler.methods.common import (
     add_forces,
@@ -20,8 +22,6 @@ from bench.ruler.methods.common import (
     not_applicable,
     run_kernel,
 )
-from engine.problems.problem import Problem
-from engine.problems.trajectory import Trajectory
 
 
 @inline

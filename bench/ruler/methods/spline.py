@@ -20,13 +20,13 @@ from functools import partial
 
 import numpy as np
 
+from bench.ruler.contact_ruler.problem import Problem
+from bench.ruler.contact_ruler.trajectory import Trajectory
 from bench.ruler.methods import spline_kernels as kernels
 from bench.ruler.methods.common import has_more_than_contacts, not_applicable
 from bench.ruler.methods.method import STEPS, Method
 from bench.ruler.methods.modal_steps import EXACT, best_of_three, build_flow
 from bench.ruler.methods.spline_kernels import Spline
-from engine.problems.problem import Problem
-from engine.problems.trajectory import Trajectory
 
 
 def largest_compressions(problem: Problem) -> np.ndarray:

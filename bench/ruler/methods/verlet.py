@@ -17,6 +17,8 @@ force of a step is the mean of those at its ends.
 
 import numpy as np
 
+from bench.ruler.contact_ruler.problem import Problem
+from bench.ruler.contact_ruler.trajectory import Trajectory
 from bench.ruler.methods import friction
 from bench.ruler.methods.common import (
     add_forces,
@@ -35,8 +37,6 @@ from bench.ruler.methods.common import (
     push,
     run_kernel,
 )
-from engine.problems.problem import Problem
-from engine.problems.trajectory import Trajectory
 
 
 @inline

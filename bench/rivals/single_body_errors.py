@@ -1,15 +1,18 @@
-"""Other methods on one body at walls: their errors and times, to be compared with those of the engine.
+"""Other methods on one body at walls: their errors and times, beside those of a study of the engine's settings.
 
 Methods that fail stay in the list, with how they failed.
 """
 
+import re
 import time
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.analysis.other_method_kernels import METHODS, SingleBody, acceleration, hamiltonian, simulate
+import engine
+from bench.rivals.single_body import METHODS, SingleBody, acceleration, hamiltonian, simulate
+from engine.analysis.work_precision import WorkPrecisionStudy
 from engine.bodies import Mass, Oscillator
 from engine.offline.statistics_base import Statistics
 from engine.patch.scene import Scene
@@ -21,6 +24,8 @@ MAX_TIMING_SECONDS = 0.5  # after which a method is not run again
 SCIPY_TIME_LIMIT = 4.0  # s, of one run
 TOLERANCES = (1e-4, 1e-7, 1e-10)  # relative, of SciPy
 PICKUP_COLUMNS = ("displacement", "velocity")  # columns of a run, by the quantity of a pickup
+METHOD_COLOURS = "#009e73", "#cc79a7", "#d55e00", "#56b4e9", "#6b5b95", "#a0522d"
+METHOD_MARKERS = "xP^vsD"
 BLOW_UP_FACTOR = 10.0  # times the peak of the reference: a run beyond it has failed
 
 
@@ -75,6 +80,17 @@ class MethodResult(Statistics):
     failed: str  # in what way; "" if it did not
 
 
+def methods_beside(study: WorkPrecisionStudy, scene: Scene) -> list[MethodResult]:
+    """Errors and times of the other methods over the horizon of a study, against its reference; empty if the scene is
+    no case for them."""
+    if study.reference is None or study.horizon is None or as_single_body(scene) is None:
+        return []
+    order, substeps = map(int, re.findall(r"\d+", study.reference))
+    finest = {"scheme": "exact", "order": order, "substeps": substeps, "oversample": 1, "iterations": 200}
+    audio = engine.render(scene, study.seconds, study.samplerate, silence=-np.inf, **finest).audio
+    return compare_methods(scene, audio[:, 0], study.samplerate, round(study.horizon * study.samplerate))
+
+
 def compare_methods(scene: Scene, reference: np.ndarray, samplerate: int, frames: int) -> list[MethodResult]:
     """Errors and times of the other methods over the first frames; empty if the scene is no case for them.
 
@@ -94,6 +110,25 @@ def compare_methods(scene: Scene, reference: np.ndarray, samplerate: int, frames
             result = method_result(f"{method}, {factor} ×", run[::factor, case.column], reference, nanoseconds * factor)
             rows.append(replace(result, energy_error=relative_energy_change(run[:, 2])))
     return rows + [dop853_with_events(case, reference, samplerate, tolerance) for tolerance in TOLERANCES]
+
+
+def draw_methods(axes: Any, rows: list[MethodResult]) -> None:
+    """Draw error against time of other methods, a line each; those that failed stand along the top."""
+    methods: dict[str, list[MethodResult]] = {}
+    for row in rows:
+        methods.setdefault(row.setting.rpartition(",")[0], []).append(row)
+    for n, (method, runs) in enumerate(methods.items()):
+        valid, colour = [r for r in runs if not r.failed], METHOD_COLOURS[n % len(METHOD_COLOURS)]
+        times, errors = [r.ns_per_sample for r in valid], [r.error for r in valid]
+        marker = METHOD_MARKERS[n % len(METHOD_MARKERS)]
+        axes.plot(times, errors, f"{marker}--", ms=5, lw=0.8, color=colour, label=method)
+        failed = [r.ns_per_sample for r in runs if r.failed]
+        if failed:
+            failures = sorted({r.failed.partition(" at ")[0] for r in runs if r.failed})
+            label = f"{method}: {', '.join(failures)}"
+            height = np.full(len(failed), 0.98 - 0.03 * n)  # of the axes
+            axes.plot(failed, height, "X", color=colour, label=label, transform=axes.get_xaxis_transform())
+    axes.legend(loc="lower left")
 
 
 def time_method(method: str, case: SingleBodyCase, rate: int, steps: int) -> tuple[np.ndarray, float]:

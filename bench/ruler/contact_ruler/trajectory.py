@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from engine.problems.problem import Problem
+from bench.ruler.contact_ruler.problem import Problem
 
 
 class Trajectory(NamedTuple):
-    """The result of a method for a problem (engine.problems.problem)."""
+    """The result of a method for a problem (problem.py)."""
 
     displacement: np.ndarray  # [frames + 1], m, at the pickup, from time 0 on
     force: np.ndarray  # [frames, contacts + points of friction], N: the mean over each sample

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.ruler.contact_ruler.problem import Problem, Reference, energy_of
+from bench.ruler.contact_ruler.trajectory import Trajectory, check_trajectory
 from engine.analysis.metrics import band_error, relative_rms_error
 from engine.offline.statistics_base import Statistics
-from engine.problems.problem import Problem, Reference, energy_of
-from engine.problems.trajectory import Trajectory, check_trajectory
 
 BLOW_UP_FACTOR = 100.0  # of the reference's peak: beyond, a motion counts as unstable
 

@@ -4,8 +4,8 @@ import csv
 import io
 import platform
 
-from engine.problems.library import VERSION
-from engine.problems.score import Score
+from bench.ruler.contact_ruler.library import VERSION
+from bench.ruler.contact_ruler.score import Score
 
 COLUMNS = ["version", "problem", "method", "setting", "author", "machine", "link"]
 MEASURES = ["motion", "force", "bands_db", "energy", "pull", "ns_per_sample", "failed"]

@@ -1,9 +1,9 @@
 """Problems of collision with reference solutions, and the score of a trajectory against them (docs/ruler.md)."""
 
-from engine.problems.library import NAMES, load_problem
-from engine.problems.problem import Friction, Problem, Reference, energy_of, stretching_force
-from engine.problems.score import Score, score
-from engine.problems.trajectory import Trajectory, UnfitTrajectory, read_trajectory
+from bench.ruler.contact_ruler.library import NAMES, load_problem
+from bench.ruler.contact_ruler.problem import Friction, Problem, Reference, energy_of, stretching_force
+from bench.ruler.contact_ruler.score import Score, score
+from bench.ruler.contact_ruler.trajectory import Trajectory, UnfitTrajectory, read_trajectory
 
 __all__ = [
     "NAMES",

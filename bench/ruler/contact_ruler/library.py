@@ -1,9 +1,9 @@
-"""The problems that come with the engine."""
+"""The problems by their names."""
 
 import difflib
 from pathlib import Path
 
-from engine.problems.problem import Problem, Reference, read_problem
+from bench.ruler.contact_ruler.problem import Problem, Reference, read_problem
 
 FOLDER = Path(__file__).parent / "references"
 VERSION = "1.2"  # of the problems and references: rises with any change of their numbers

@@ -109,10 +109,18 @@ def object_code(codes: Mapping[str, NeutralCode], target: Target, tables: Mappin
         whole.link_in(module)
     whole.verify()
     _optimise(whole, machine)
+    _shorten_names(whole, {*codes, *tables})
     if codes and target is not WASM:  # which has instructions for these
         _add_functions_of_c(whole, target)
     needed = sorted(f.name for f in whole.functions if f.is_declaration and not f.name.startswith("llvm."))
     return ObjectCode(bytes(machine.emit_object(whole)), needed)
+
+
+def _shorten_names(whole: Any, kept: set[str]) -> None:
+    """Name what nobody calls from outside by numbers: Numba's names have thousands of letters."""
+    values = [v for v in (*whole.functions, *whole.global_variables) if not v.is_declaration and v.name not in kept]
+    for number, value in enumerate(values):
+        value.name = f"local_{number}"
 
 
 def _add_functions_of_c(whole: Any, target: Target) -> None:

@@ -24,7 +24,11 @@ from engine.compiler.struct_types import StructHandleType
 from engine.compiler.targets import WASM, Target
 from engine.compiler.wasm_arithmetic import wasm_arithmetic
 
-MEMORY_FUNCTIONS, STACK_PROBE = (Path(__file__).with_name(f"{name}.ll") for name in ("memory_functions", "stack_probe"))
+FUNCTIONS_OF_C = {  # that instructions may become: files of their sources, by system
+    "linux": ("memory_functions",),
+    "darwin": ("memory_functions", "memory_functions_macos"),
+    "win32": ("memory_functions", "memory_functions_windows"),
+}
 
 
 class NeutralCode(NamedTuple):
@@ -111,7 +115,7 @@ def object_code(codes: Mapping[str, NeutralCode], target: Target, tables: Mappin
     _optimise(whole, machine)
     _shorten_names(whole, {*codes, *tables})
     if codes and target is not WASM:  # which has instructions for these
-        _add_functions_of_c(whole, target)
+        _add_functions_of_c(whole, target.system)
     needed = sorted(f.name for f in whole.functions if f.is_declaration and not f.name.startswith("llvm."))
     return ObjectCode(bytes(machine.emit_object(whole)), needed)
 
@@ -123,17 +127,17 @@ def _shorten_names(whole: Any, kept: set[str]) -> None:
         value.name = f"local_{number}"
 
 
-def _add_functions_of_c(whole: Any, target: Target) -> None:
+def _add_functions_of_c(whole: Any, system: str) -> None:
     """Add functions that instructions may become: where they are missing, a linker or a loader would have to find
     them."""
-    added = llvm.parse_assembly(MEMORY_FUNCTIONS.read_text("utf-8"))
-    names = [function.name for function in added.functions]
-    whole.link_in(added)
+    llvm.initialize_native_asmparser()  # one of them is in assembly
+    names = list[str]()
+    for file in FUNCTIONS_OF_C.get(system, FUNCTIONS_OF_C["linux"]):
+        added = llvm.parse_assembly(Path(__file__).with_name(f"{file}.ll").read_text("utf-8"))
+        names += [function.name for function in added.functions if not function.is_declaration]
+        whole.link_in(added)
     for name in names:
         whole.get_function(name).linkage = "internal"
-    if target.system == "win32":
-        llvm.initialize_native_asmparser()
-        whole.link_in(llvm.parse_assembly(STACK_PROBE.read_text("utf-8")))
 
 
 def _module(code: NeutralCode, entry: str, target: Target, layout: str) -> Any:

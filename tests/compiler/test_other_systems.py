@@ -28,12 +28,12 @@ class ForeignCode:
     def __init__(self, name):
         self.path, self.is_windows = shipped.archive(target_named(name)), name.startswith("windows")
         self.engines = {part: self.load(part, name) for part in ("plain.o", "stages.o")}
-        self.prefix = "_" if name.startswith("macos") else ""
 
     def load(self, part, name):
         _llvm()
-        host = llvm.Target.from_default_triple().create_target_machine()
-        loaded = llvm.create_mcjit_compiler(llvm.parse_assembly(""), host)
+        triple = target_named(name).triple
+        empty = llvm.parse_assembly(f'target triple = "{triple}"')  # a loader reads objects of one form
+        loaded = llvm.create_mcjit_compiler(empty, llvm.Target.from_triple(triple).create_target_machine())
         content = shipped.read_part(self.path, part)
         loaded.add_object_file(llvm.ObjectFileRef.from_data(content.machine_code))
         loaded.finalize_object()
@@ -42,7 +42,7 @@ class ForeignCode:
     def find(self, module, function, kinds):
         """In place of `load_shipped`."""
         part, entry = shipped.read_about(self.path)["kernels"][shipped.kernel_key(module, function, kinds)]
-        address = self.engines[part].get_function_address(self.prefix + entry)
+        address = self.engines[part].get_function_address(entry)
         assert address
         return Code(address, self.engines[part])
 

@@ -288,14 +288,10 @@ class Row(IntEnum):
     START_POWER = 18  # s^α
 
 
-# of the basis of contacts (engine.kernel.contact.reduced_contact_solver)
 LANES = 8  # numbers that are taken at once
 BALANCE_MEMORY = 8  # of a Balance: eight numbers, where its others end
 BALANCE_SIZE = BALANCE_MEMORY + LANES
-MAX_RANK = 5  # rows; a basis of fewer has zeros in the last ones
 MAX_ROUNDS = 200  # of a contact solve, or evaluations of a contact law
-COLUMNS = 24  # of the table of products: 15 of pairs of rows, a zero, five rows, and zeros
-ROWS_COLUMN = 16
 
 CHUNK_FRAMES = 1024  # samples an island runs before the next one does: few enough for the fast cache
 DRIVE_FRAMES = 2 * CHUNK_FRAMES  # samples that are kept of the forces of strings that drive bodies; a power of 2

@@ -232,10 +232,10 @@ def find_coupled_forces(reach, problem, max_rounds, state):
     SolveStatus, and the energy that forces off their curves create, J."""
     for n in range(reach.size):
         state.scratch.vectors[Row.FORCE, n] = state.contact_force[contact_number(reach.numbers, n)]
-    rounds, status, excess = solve_coupled(problem, max_rounds, state.line_search_budget)
+    rounds, status, excess = solve_coupled(problem, max_rounds, state.solve_budget)
     while status == SolveStatus.CAPPED and not excess < 0.5 * kinetic_energy(state.p):
         # a second time, without a cap, if the motion could not pay for the energy created
-        rounds, status, excess = solve_coupled(problem, NO_CAP, state.line_search_budget)
+        rounds, status, excess = solve_coupled(problem, NO_CAP, state.solve_budget)
     return rounds, status, excess
 
 

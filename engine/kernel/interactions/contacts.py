@@ -11,7 +11,7 @@ from engine.kernel.contact.contact_law import (
     potential_difference,
 )
 from engine.kernel.contact.friction_law import acts, bristle_energy, slides
-from engine.kernel.data.enums import EventKind, SolveStatus
+from engine.kernel.data.enums import FURTHER_ROUNDS, LINE_SEARCHES, EventKind, SolveStatus
 from engine.kernel.interactions.friction import (
     friction_parameter,
     is_of_friction,
@@ -32,7 +32,6 @@ from engine.kernel.modes.point_rows import (
 CANCELLATION = 3.0  # times compression and step: what B·f may be before moves are measured instead. At 100, a body
 # between two stiff walls gains 1e-14 of its energy in a step; at 0, no less than at 3
 LARGE_RESIDUE = 1e-10  # of compression and step: a residue that is carried from earlier steps and moves the bodies
-LINE_SEARCHES = 16  # that the capped solves of an island may spend between two periodic checks
 
 
 @inline
@@ -205,10 +204,10 @@ def invalidate_margins(moving):
 
 
 @inline
-def reset_line_search_budget(coupling, state):
-    """Give capped solves a new budget of line searches."""
+def reset_solve_budget(coupling, state):
+    """Give the solves of an island a new budget of further rounds and line searches."""
     if coupling is not None:
-        state.line_search_budget[0] = LINE_SEARCHES
+        state.solve_budget[0] = FURTHER_ROUNDS + LINE_SEARCHES
 
 
 # --- a solution is stored

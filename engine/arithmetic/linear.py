@@ -33,18 +33,6 @@ def solve(matrix: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return np.asarray(x.reshape(np.shape(wanted)))
 
 
-def cholesky(matrix: np.ndarray) -> np.ndarray:
-    """Return the lower triangle L with L·Lᵀ = matrix [n, n]. Raises ValueError if the matrix is not positive."""
-    rest = np.array(matrix, float)
-    lower = np.zeros_like(rest)
-    for k in range(len(rest)):
-        if not rest[k, k] > 0.0:
-            raise ValueError("the matrix is not positive definite")
-        lower[k:, k] = rest[k:, k] / np.sqrt(rest[k, k])
-        rest[k + 1 :, k + 1 :] -= lower[k + 1 :, k, None] * lower[k + 1 :, k]
-    return lower
-
-
 def rounds_of_pairs(size: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return rounds in which each of so many players meets another one, until all have met: two arrays of players."""
     players = list(range(size + size % 2))
@@ -102,13 +90,13 @@ def symmetric_eigenvectors(matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return np.take_along_axis(values, order, axis=-1), vectors * signs
 
 
-def singular_vectors(matrix: np.ndarray, least_share: float = DIRECTION) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def singular_vectors(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return U [n, r], s [r], falling, and Vᵀ [r, m] with matrix = U·diag(s)·Vᵀ, by Jacobi's method on the columns of
     its part in each of r directions (Hestenes), those of `span_rows`.
 
     matrix: [n, m]
     """
-    directions = span_rows(matrix, least_share)
+    directions = span_rows(matrix)
     columns = np.array(product(directions, matrix.T))  # [r, n], each a column of U·diag(s) after the rotations
     size = len(columns)
     turned = np.eye(size)
@@ -134,18 +122,18 @@ def singular_vectors(matrix: np.ndarray, least_share: float = DIRECTION) -> tupl
     return left[order].T, singular[order], product(turned[order], directions)
 
 
-def span_rows(matrix: np.ndarray, least_share: float = DIRECTION, most: int | None = None) -> np.ndarray:
-    """Return orthonormal rows [r, m], at most so many, of which all rows of a matrix [n, m] are sums, but for what is
-    shorter than a share of the longest row, by Gram and Schmidt's method; of what is left the longest comes first."""
+def span_rows(matrix: np.ndarray) -> np.ndarray:
+    """Return orthonormal rows [r, m] of which all rows of a matrix [n, m] are sums, but for what is hardly more than
+    rounding of the longest row, by Gram and Schmidt's method; of what is left the longest comes first."""
     rest = np.array(matrix, float)
     found: list[np.ndarray] = []
     least = 0.0
-    for _ in range(min(*rest.shape, *([] if most is None else [most]))):
+    for _ in range(min(rest.shape)):
         lengths = np.add.reduce(rest * rest, axis=1)
         longest = int(np.argmax(lengths))
         if not lengths[longest] > least:
             break
-        least = least or square(least_share) * float(lengths[longest])
+        least = least or square(DIRECTION) * float(lengths[longest])
         row = rest[longest].copy()
         for _ in range(2):  # once more, for what rounding has left
             for other in found:

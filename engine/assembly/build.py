@@ -13,8 +13,8 @@ from engine.arithmetic import plain_numbers
 from engine.arithmetic.elementary import square
 from engine.assembly import limits
 from engine.assembly.array_memory import align_to_cache_lines, to_single_precision
-from engine.assembly.connections import all_factors, check_connections, connections
-from engine.assembly.contact_points import NOWHERE, BasisUse, BodyPoint, contact_sides, entry_counts, offset
+from engine.assembly.connections import check_connections, connections
+from engine.assembly.contact_points import NOWHERE, BodyPoint, contact_sides, offset
 from engine.assembly.contact_reach import contacts_to_build
 from engine.assembly.event_table import event_table
 from engine.assembly.external_forces import ForceTable, PluckPoint, force_table
@@ -24,7 +24,7 @@ from engine.assembly.initial_state import initial_state
 from engine.assembly.islands import begins_of, find_islands
 from engine.assembly.layout import Layout, segment_arrays
 from engine.assembly.modal_system import ModalSystem
-from engine.assembly.mode_coefficients import ModeCoefficients, mode_coefficients
+from engine.assembly.mode_coefficients import mode_coefficients
 from engine.assembly.mode_counts import fit_modes
 from engine.assembly.mode_shape_rows import mode_shape_rows
 from engine.assembly.modes import arrange_modes
@@ -34,7 +34,7 @@ from engine.assembly.points import find_points
 from engine.assembly.refinement import build_refinement
 from engine.assembly.residual_modes import with_residual_modes
 from engine.assembly.softening import count_pairs
-from engine.assembly.step_coefficients import basis_rows, find_bases, step_coefficients
+from engine.assembly.step_coefficients import step_coefficients
 from engine.assembly.tension import stretching_bodies, tension
 from engine.bodies.body import ModalBody, remember_positions
 from engine.faults import BuildError, Fault
@@ -42,7 +42,6 @@ from engine.kernel.data.enums import EventKind, Quantity
 from engine.kernel.data.laws import NO_NUMBERS, select_law
 from engine.kernel.data.model import (
     Contact,
-    ContactBasis,
     Drive,
     ExternalForce,
     FreeMasses,
@@ -117,7 +116,7 @@ def build(
         force=_external_force(layout, samplerate, seconds, accuracy),
         drive=Drive(np.array(drives)) if drives else None,
         connection=connections(layout, samplerate, step, accuracy.is_refined),
-        contact=_contact(layout, step, modes, accuracy, samplerate, variable_exponents or changed),
+        contact=_contact(layout, step, accuracy, variable_exponents or changed),
         tension=tension(layout, accuracy.least_detuning),
         refinement=refinement,
         events=events,
@@ -212,14 +211,7 @@ def _free_masses(layout: Layout) -> FreeMasses | None:
     return FreeMasses(np.concatenate([np.flatnonzero(modes.is_free[m]) for m in modes.of_island]), is_audible)
 
 
-def _contact(
-    layout: Layout,
-    step: StepCoefficients,
-    modes: ModeCoefficients,
-    accuracy: Accuracy,
-    samplerate: float,
-    variable_exponents: bool,
-) -> Contact | None:
+def _contact(layout: Layout, step: StepCoefficients, accuracy: Accuracy, variable_exponents: bool) -> Contact | None:
     """Return the contacts of a layout; None without any."""
     if not layout.points.contacts:
         return None
@@ -230,29 +222,11 @@ def _contact(
         law=select_law(exponents, variable_exponents)(NO_NUMBERS, NO_NUMBERS),
         rows=mode_shape_rows(ours),
         other_rows=mode_shape_rows(theirs) if any(row.phi.size for row in theirs) else None,
-        basis=_contact_basis(layout, modes, samplerate),
         friction=friction(layout, step.contact.coupling if step.contact is not None else None),
         nominal_stiffness=nominal_stiffness(layout),
         nominal_barrier=np.array([offset(contact, point) for contact, point in contacts]),
         tolerance=accuracy.tolerance,
         max_rounds=accuracy.iterations,
-    )
-
-
-def _contact_basis(layout: Layout, modes: ModeCoefficients, step_rate: float) -> ContactBasis | None:
-    """Return the bases of the contacts of islands that have one; None if no island has."""
-    if not any(shapes.rank for shapes in layout.points.contact_shapes):
-        return None
-    bases = find_bases(layout, modes, all_factors(layout, modes, step_rate))
-    ranks = [layout.points.contact_shapes[n].rank for n in bases]
-    is_first = [layout.points.contact_shapes[n].basis_use is BasisUse.FIRST for n in bases]
-    sizes = np.array([entry_counts(len(basis.at_contacts)) for basis in bases.values()])
-    begins = np.repeat(np.cumsum(sizes, axis=0) - sizes, ranks, axis=0)
-    return ContactBasis(
-        rows=mode_shape_rows(basis_rows(layout, bases)),
-        at_contacts_begin=begins[:, 0],
-        products_begin=begins[:, 1],
-        is_first=np.repeat(np.array(is_first, np.int64), ranks),
     )
 
 

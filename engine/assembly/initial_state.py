@@ -12,7 +12,7 @@ from engine.assembly.layout import Layout
 from engine.assembly.mode_shape_rows import ShapeRow
 from engine.assembly.tension import initial_tension
 from engine.kernel.data.axes import Axis
-from engine.kernel.data.enums import COLUMNS, DRIVE_FRAMES, LANES, Row
+from engine.kernel.data.enums import DRIVE_FRAMES, LANES, Row
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import (
     ConnectionState,
@@ -105,7 +105,7 @@ def allocate_scratch(partitions: int, contacts: int) -> Scratch:
     """Allocate the scratch memory of each partition, for islands of at most `contacts` contacts."""
     lanes = -(-contacts // LANES) * LANES
     matrices = np.zeros((2, partitions, contacts, lanes))
-    vectors = np.zeros((partitions, len(Row), max(lanes, COLUMNS)))  # the reduced solve has up to so many sums
+    vectors = np.zeros((partitions, len(Row), lanes))
     return Scratch(vectors, *matrices, *np.zeros((2, partitions, contacts), np.int64))
 
 

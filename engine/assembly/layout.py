@@ -49,7 +49,6 @@ def segment_arrays(layout: Layout, event_counts: np.ndarray, pair_counts: Sequen
     counts = {
         Axis.MODE: [modes.stop - modes.start for modes in layout.modes.of_island],
         Axis.CONTACT: contacts,
-        Axis.BASIS: [shapes.rank for shapes in points.contact_shapes],
         Axis.COMPLIANCE: square(contacts),
         Axis.CONNECTION: connections,
         Axis.CONNECTION_PAIR: square(connections),

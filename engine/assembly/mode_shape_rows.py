@@ -33,10 +33,6 @@ class ShapeRow(NamedTuple):
         phi[self.in_island] = self.phi
         return phi
 
-    def cut_from(self, phi: np.ndarray) -> "ShapeRow":
-        """Return the row with its part of the given mode shapes [modes of the island]."""
-        return self._replace(phi=phi[self.in_island])
-
 
 def mode_shape_rows(rows: Sequence[ShapeRow]) -> ModeShapeRows:
     """Return mode shapes Φ in the layout of the kernels. Each row begins in phi at the same alignment as its modes do

@@ -12,12 +12,11 @@ import numpy as np
 from engine.arithmetic.double_double import two_product
 from engine.arithmetic.elementary import square
 from engine.assembly.connections import ContactMotion, all_factors, connection_coefficients, contact_motions
-from engine.assembly.contact_points import BasisOfIsland, BasisUse, entries_by_row, find_basis, products_by_contact
 from engine.assembly.coordinates import IslandFactors
 from engine.assembly.layout import Layout
 from engine.assembly.mode_coefficients import ModeCoefficients
-from engine.assembly.mode_shape_rows import ShapeRow, row_coefficients
-from engine.kernel.data.model import BasisCoefficients, ContactCoefficients, StepCoefficients
+from engine.assembly.mode_shape_rows import row_coefficients
+from engine.kernel.data.model import ContactCoefficients, StepCoefficients
 
 
 def contact_compliance(
@@ -29,8 +28,6 @@ def contact_compliance(
     """Return the contact compliance matrix B = Φ diag(e) Φᵀ of each island, with e = v·t, and the rounding errors of
     its diagonal. B is the displacement at contact i per newton at contact j over one step, m/N. An error is what
     rounding cuts from the sum of the products of kick and drift that the kernel uses [contacts].
-
-    Where contacts are solved in the space of a basis, the basis holds these errors, and they are 0 here.
 
     factors: of the connections of each island, which reduce the displacement at contacts
     motions: of each island
@@ -45,7 +42,7 @@ def contact_compliance(
         for k, (begin, end) in enumerate(pairwise(ends)):
             terms = products[begin:end] + errors[begin:end]
             matrix[k, k] = total = math.fsum(terms)
-            low.append(0.0 if shapes.basis_use is BasisUse.FIRST else math.fsum([*terms, -total]))
+            low.append(math.fsum([*terms, -total]))
         matrices.append(matrix if connected is None else connected.reduce(motion.moves, matrix))
     return matrices, np.array(low)
 
@@ -94,7 +91,6 @@ def contact_coefficients(
     matrices, low = contact_compliance(layout, modes, factors, motions)
     loss = np.array([layout.touching[k].loss for k, _ in layout.islands.contact_points])
     ours, theirs = zip(*layout.points.contacts, strict=True)
-    bases = find_bases(layout, modes, factors)
     return ContactCoefficients(
         rows=row_coefficients(ours, modes.kick, modes.drift),
         other_rows=row_coefficients(theirs, modes.kick, modes.drift) if any(row.phi.size for row in theirs) else None,
@@ -104,34 +100,6 @@ def contact_coefficients(
         coupling=np.concatenate([m.ravel() for m in matrices]) if any(m.size > 1 for m in matrices) else None,
         duration=np.full(loss.size, 1 / rate) if layout.scene.friction else None,
         only_kick_phi=_kicks_by_only_contacts(layout, modes),
-        basis=_basis_coefficients(layout, modes, bases) if bases else None,
-    )
-
-
-def find_bases(
-    layout: Layout, modes: ModeCoefficients, factors: Sequence[IslandFactors | None]
-) -> dict[int, BasisOfIsland]:
-    """Return the bases of the contacts of the islands that have one, by the number of the island."""
-    bases = {}
-    for n, (shapes, inside) in enumerate(zip(layout.points.contact_shapes, layout.modes.of_island, strict=True)):
-        if shapes.rank:
-            kick, drift = modes.kick[inside], modes.drift[inside]
-            bases[n] = find_basis(shapes.basis_phi, shapes.rank, kick, drift, factors[n])
-    return bases
-
-
-def basis_rows(layout: Layout, bases: dict[int, BasisOfIsland]) -> list[ShapeRow]:
-    """Return the rows of all bases."""
-    begins = {n: layout.modes.of_island[n].start for n in bases}
-    return [ShapeRow(0, begins[n], shape) for n, basis in bases.items() for shape in basis.shapes]
-
-
-def _basis_coefficients(layout: Layout, modes: ModeCoefficients, bases: dict[int, BasisOfIsland]) -> BasisCoefficients:
-    """Return the step coefficients of the rows of all bases."""
-    return BasisCoefficients(
-        rows=row_coefficients(basis_rows(layout, bases), modes.kick, modes.drift),
-        at_contacts=np.concatenate([entries_by_row(basis) for basis in bases.values()]),
-        products=np.concatenate([products_by_contact(basis) for basis in bases.values()]),
     )
 
 

@@ -6,14 +6,12 @@ has its place in the other.
 
 import math
 from collections.abc import Iterator
-from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from engine.argument_checks import checked_integer, checked_number
 from engine.assembly.build import BuildResult, build
-from engine.assembly.contact_points import entry_counts
 from engine.assembly.event_table import EventRow
 from engine.kernel.data.axes import SEGMENTED, Axis, Items, pair_arrays
 from engine.kernel.data.enums import EventKind, PairOnBody
@@ -28,9 +26,7 @@ from engine.patch.tables import MAX_SECONDS
 
 GLIDE_STEP_SECONDS, GLIDE_STEP_CENTS = 0.002, 2.0  # the smallest steps in which a pitch glides …
 MAX_GLIDE_STEPS = 128  # … and how many they are at most
-ZEROS = np.zeros(20_000)  # for rows that a basis does not have
 TOO_SMALL = "this pitch needs more modes or contacts than a voice has room for"
-NO_BASIS = "at this pitch, the contacts of a body no longer move alike, so this voice cannot have it"
 
 Arrays = tuple[np.ndarray, np.ndarray]  # to write, to read
 
@@ -134,8 +130,6 @@ def tuning_pairs(poly: Model, single: Model, voice: int) -> list[Arrays]:
     first, last = voice * islands, (voice + 1) * islands
     pairs = [*_segments(poly, single, first, last), *_entries(poly, single, first, last)]
     pairs += _softening(poly, single, first, last)
-    for n in range(islands):
-        pairs += _basis_tables(poly, single, first + n, n)
     if any(ours.shape != theirs.shape for ours, theirs in pairs):
         raise ValueError(TOO_SMALL)
     return [(ours, theirs) for ours, theirs in pairs if theirs.size]
@@ -199,7 +193,7 @@ def _softening(poly: Model, single: Model, first: int, last: int) -> Iterator[Ar
 
 
 def _shapes(model: Model) -> Iterator[_Shapes]:
-    """Yield the mode shape rows of a model, but those of bases."""
+    """Yield the mode shape rows of a model."""
     step, contact = model.step, model.contact
     places: list[tuple[Axis, ModeShapeRows, Any]] = [(Axis.BODY, model.bodies, ())]
     places.append((Axis.PICKUP, model.pickups.rows, (model.flight.pickup_tables,)))
@@ -215,30 +209,3 @@ def _shapes(model: Model) -> Iterator[_Shapes]:
             places.append((Axis.CONTACT, contact.other_rows, step.contact.other_rows or ()))
     for axis, rows, arrays in places:
         yield _Shapes(axis, rows, [rows.phi, *arrays])
-
-
-def _basis_tables(poly: Model, single: Model, n: int, i: int) -> Iterator[Arrays]:
-    """Yield the basis of the contacts of an island, and how far each of its rows moves them. Rows that fewer modes do
-    not need are zero."""
-    ours, theirs = (range(*model.islands.basis[k : k + 2]) for model, k in ((poly, n), (single, i)))
-    if not ours:
-        return
-    if not theirs:
-        raise ValueError(NO_BASIS)
-    if len(theirs) > len(ours):
-        raise ValueError(TOO_SMALL)
-    (to, to_tables), (of, of_tables) = _basis(poly, ours.start, n), _basis(single, theirs.start, i)
-    yield from zip(to_tables, of_tables, strict=True)
-    for r, s in zip_longest(ours, theirs):
-        entries = to.entries(r)
-        yield from zip(entries, of.entries(s) if s is not None else [ZEROS[: a.size] for a in entries], strict=True)
-
-
-def _basis(model: Model, first: int, n: int) -> tuple[_Shapes, list[np.ndarray]]:
-    """Return the rows of all bases, and the tables of the contacts of island n, whose first row is `first`."""
-    contact, step = model.contact, model.step.contact
-    assert contact is not None and contact.basis is not None and step is not None and step.basis is not None
-    entries, products = entry_counts(int(np.diff(model.islands.contact)[n]))
-    a, b = int(contact.basis.at_contacts_begin[first]), int(contact.basis.products_begin[first])
-    tables = [step.basis.at_contacts[a : a + entries], step.basis.products[b : b + products]]
-    return _Shapes(Axis.BASIS, contact.basis.rows, [contact.basis.rows.phi, *step.basis.rows]), tables

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from engine.arithmetic.linear import cholesky, rounds_of_pairs, singular_vectors, solve, symmetric_eigenvectors
+from engine.arithmetic.linear import rounds_of_pairs, singular_vectors, solve, symmetric_eigenvectors
 
 SIZES = [1, 2, 3, 5, 12, 31]
 
@@ -26,18 +26,6 @@ def test_a_linear_system_is_solved(size):
 def test_a_singular_system_is_refused():
     with pytest.raises(ValueError, match="singular"):
         solve(np.array([[1.0, 2.0], [2.0, 4.0]]), np.ones(2))
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_a_triangle_has_the_matrix_as_its_square(size):
-    half = random_matrix(3, size, size + 2)
-    matrix = half @ half.T
-    lower = cholesky(matrix)
-    size_of_each = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
-    assert np.max(np.abs(lower @ lower.T - matrix) / size_of_each) < 1e-14
-    assert np.array_equal(lower, np.tril(lower))
-    with pytest.raises(ValueError, match="positive"):
-        cholesky(matrix - 2 * np.eye(size) * matrix[0, 0])
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -204,9 +204,9 @@ def test_the_kernel_has_no_more_special_cases_than_it_had():
     # more steps find the motion; 150, 1 and 7 of bodies that stretch before they are struck, and of tensions that do
     # not settle together; 148, 1 and 2 of coefficients of friction that follow the slip of the same step, two curves of
     # them, and bristles that are damped: a bowed string is in tune at any sample rate
-    assert shape.lines <= 9755 and shape.files <= 48 and shape.arrows <= 242
+    assert shape.lines <= 9260 and shape.files <= 47 and shape.arrows <= 237
     assert shape.ways <= 5 and shape.wide <= 1
-    assert shape.know["weight"] <= 14 and shape.know["connections"] <= 47 and shape.know["contact loss"] <= 8
+    assert shape.know["weight"] <= 13 and shape.know["connections"] <= 46 and shape.know["contact loss"] <= 7
 
 
 def test_patches_are_small_enough_to_read():

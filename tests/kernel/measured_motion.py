@@ -18,7 +18,7 @@ from engine.kernel.data.enums import CHUNK_FRAMES, FLIGHT_FRAMES, Energies, Even
 from engine.kernel.data.island_view import island_bounds, island_model, island_state
 from engine.kernel.data.model import Model, StepSettings
 from engine.kernel.data.state import State, Trace
-from engine.kernel.interactions.contacts import reset_line_search_budget, reset_open_contacts
+from engine.kernel.interactions.contacts import reset_open_contacts, reset_solve_budget
 from engine.kernel.interactions.one_way_drive import clear_drive
 from engine.kernel.modes.event_dampers import step_with_dampers
 from engine.kernel.run.events import run_score
@@ -57,7 +57,7 @@ def render_measured(model_handle, state_handle, output_handle, frames):
             part, part_state = island_model(model, state, bounds), island_state(state, bounds)
             for frame in range(begin, end):
                 if frame % FLIGHT_FRAMES == 1:
-                    reset_line_search_budget(part_state.scratch, part_state)
+                    reset_solve_budget(part_state.scratch, part_state)
                     if part_state.in_contact[0] == 0:  # or the rounding of steps between contacts would add up
                         reset_open_contacts(part.contact, part_state)
                 add_pickups(part, part_state, audio[frame], frame)

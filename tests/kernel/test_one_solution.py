@@ -1,21 +1,18 @@
-"""All contact solvers find the same forces and steps: of one contact, of several, of those that persist, and in the
-space of their basis. That these are on the laws is tested against fifty digits elsewhere (test_solve.py, test_hard.py).
+"""All contact solvers find the same forces and steps: of one contact, of several, and of those that persist.
+That these are on the laws is tested against fifty digits elsewhere (test_solve.py, test_many_points.py).
 """
 
 import numpy as np
 import pytest
 
-from engine.assembly import contact_points
 from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
 from engine.kernel.contact.contact_law import LossyLaw, step_start
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
-from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
 from engine.kernel.contact.scalar_contact_solver import ContactEquation, solve_scalar_contact
 from engine.kernel.data import laws
 from engine.kernel.data.enums import Row, SolveStatus
-from engine.kernel.data.model import BasisCoefficients, ContactBasis
 from engine.kernel.data.state import Scratch
 
 pytestmark = pytest.mark.hard
@@ -42,13 +39,6 @@ def coupled(law, loss_rate, compliance, s, g, scratch, budget):
     return solve_coupled(
         CoupledProblem(LossyLaw(law, loss_rate, None), compliance, s, g, TOLERANCE, scratch), NO_CAP, budget
     )[1]
-
-
-@kernel
-def reduced(law, loss_rate, basis, coefficients, s, g, scratch):
-    return solve_reduced(
-        LossyLaw(law, loss_rate, None), basis_of_island(basis, coefficients, s.shape[0]), s, g, scratch
-    )
 
 
 class Problem:
@@ -85,16 +75,6 @@ class Problem:
         scratch = self.scratch()
         rounds = persistent(self.law, self.loss_rate, self.compliance.ravel(), self.s, self.g, scratch)
         return self.found(scratch) if rounds > 0 else None
-
-    def by_reduced(self) -> tuple[np.ndarray, np.ndarray]:
-        """The same in the space of the basis."""
-        rank, scratch = self.u.shape[1], self.scratch()
-        of = contact_points.BasisOfIsland(self.u, np.zeros((rank, rank)), np.zeros((rank, 1)))
-        begins = np.zeros(rank, np.int64)
-        entries = contact_points.entries_by_row(of), contact_points.products_by_contact(of)
-        basis = ContactBasis(None, begins, begins, begins)
-        assert reduced(self.law, self.loss_rate, basis, BasisCoefficients(None, *entries), self.s, self.g, scratch) > 0
-        return self.found(scratch)
 
     def found(self, scratch: Scratch) -> tuple[np.ndarray, np.ndarray]:
         """Forces and steps."""
@@ -134,10 +114,3 @@ def test_contacts_that_persist_are_solved_as_any_others():
             found += 1
             assert problem.difference(solution, problem.by_coupled()) <= 10.0, seed
     assert found > PROBLEMS // 10
-
-
-def test_contacts_are_the_same_in_the_space_of_their_basis():
-    """To some thousand roundings: its forces may be off by 1e-15 of all forces, however small they are."""
-    for seed in range(PROBLEMS):
-        problem = Problem(seed)
-        assert problem.difference(problem.by_reduced(), problem.by_coupled()) <= 1e4, seed

@@ -18,7 +18,6 @@ import engine
 from bench.accuracy.metric import preservation
 from bench.scenes.families import tanpuras
 from bench.scenes.small import barrier, mass, oscillator, scene
-from engine.assembly import contact_points
 from engine.assembly.build import build
 from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
@@ -337,19 +336,12 @@ def test_decay_into_subnormal_numbers(alpha):
 # --- solves that are not finished
 
 
-@pytest.fixture
-def without_basis(monkeypatch):
-    """Contacts are solved in the space of all contacts, however alike they move."""
-    monkeypatch.setattr(contact_points, "MIN_CONTACTS", 1_000_000)
-
-
 @pytest.mark.parametrize(
     "stiffness, exponent, loss",
     mostly_hard([(1e10, 1.0, 0.0), (1e12, 1.0, 0.0), (1e9, 1.5, 0.0), (1e9, 1.5, 0.5)]),
 )
-def test_unfinished_solves_are_passive(stiffness, exponent, loss, without_basis):
-    """Four rounds are too few for a bridge of thirty points, solved contact by contact: the ledger closes all the same,
-    and it is counted."""
+def test_unfinished_solves_are_passive(stiffness, exponent, loss):
+    """Four rounds are too few for a bridge of thirty points: the ledger closes all the same, and it is counted."""
     scene = tanpuras(1, 30, exponent, stiffness)
     contact = scene.contact[0].model_copy(update={"loss": loss})
     rendering = engine.render(scene.model_copy(update={"contact": [contact]}), seconds=0.4, iterations=4)
@@ -369,10 +361,10 @@ def bands(audio: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [1e10, 1e11, 1e12, 1e13])
-def test_a_bounded_worst_case_sounds_the_same(stiffness, without_basis):
-    """At most four rounds on a bridge of thirty points, α = 1, solved contact by contact: energy to 1e-11, and
-    third-octave bands within 0.5 dB of solves that all converged. The motion is chaotic, and a band of single runs
-    differs by 2.5 dB: so the mean over 160 runs, plucked alike to 1e-6."""
+def test_a_bounded_worst_case_sounds_the_same(stiffness):
+    """At most four rounds on a bridge of thirty points, α = 1: energy to 1e-11, and third-octave bands within 0.5 dB of
+    solves that all converged. The motion is chaotic, and a band of single runs differs by 2.5 dB: so the mean over 160
+    runs, plucked alike to 1e-6."""
     base = tanpuras(1, 30, 1.0, 30 * stiffness)
     rng = np.random.default_rng(8)
     means = []

@@ -32,7 +32,7 @@ from engine.kernel.contact.coupled_contact_round import (
 )
 from engine.kernel.contact.friction_law import acts, slides
 from engine.kernel.contact.scalar_contact_solver import ContactEquation
-from engine.kernel.data.enums import MAX_ROUNDS, Row, SolveStatus
+from engine.kernel.data.enums import LINE_SEARCHES, MAX_ROUNDS, Row, SolveStatus
 
 NO_CAP = MAX_ROUNDS + 1
 GROW_ROUNDS = 6  # in which contacts may join after each; later, when the others have converged
@@ -312,8 +312,8 @@ def solve_coupled(problem, cap, budget):
 
     problem: CoupledProblem; on return FORCE, STEP, END and MISS of its scratch hold the forces
              (N), steps, end compressions and what the bodies moved beyond the steps (m)
-    cap:     rounds after which it ends with forces off their laws
-    budget:  number of line searches that it may then try, in budget[0]
+    cap:     rounds after which it ends with forces off their laws, once the budget has no more rounds
+    budget:  number of further rounds and, when these are used up, of LINE_SEARCHES that it may try, in budget[0]
 
     Returns rounds (the first sweep is one), SolveStatus, and the energy that forces off their laws create, J.
     """
@@ -347,8 +347,10 @@ def solve_coupled(problem, cap, budget):
         if rounds >= cap - 1:
             least = keep_if_better(problem, n, f, least)
         if rounds >= cap:
-            status, excess = end_at_cap(problem, n, budget, least)
-            return rounds, status, excess
+            if budget[0] <= LINE_SEARCHES or rounds >= LINE_SEARCH_FROM_ROUND - 1:
+                status, excess = end_at_cap(problem, n, budget, least)
+                return rounds, status, excess
+            budget[0] -= 1
         use_line_search = use_line_search or rounds >= LINE_SEARCH_FROM_ROUND or not math.isfinite(residual)
         retarget = use_line_search
         if use_line_search:

@@ -15,7 +15,6 @@ class Axis(StrEnum):
 
     MODE = "mode"
     CONTACT = "contact"
-    BASIS = "basis"  # rows of the basis of each island's contacts
     COMPLIANCE = "compliance"  # matrices of the contacts of each island, one after the other, row by row
     CONNECTION = "connection"  # coordinates of connections
     CONNECTION_PAIR = "connection_pair"  # matrices of the connections of each island, row by row
@@ -36,7 +35,7 @@ class Axis(StrEnum):
 
 
 SEGMENTED = (
-    *(Axis.MODE, Axis.CONTACT, Axis.BASIS, Axis.COMPLIANCE),
+    *(Axis.MODE, Axis.CONTACT, Axis.COMPLIANCE),
     *(Axis.CONNECTION, Axis.CONNECTION_PAIR, Axis.CONNECTION_CONTACT, Axis.CONNECTION_PART),
     *(Axis.PAIR_ON_BODY, Axis.FORCE, Axis.EVENT, Axis.PICKUP, Axis.BODY, Axis.FREE_MASS),
 )
@@ -63,7 +62,6 @@ PerDoubleMode = Annotated[np.ndarray, Items(Axis.MODE, is_double=True)]
 PerDoubleModeFactor = Annotated[np.ndarray, Items(Axis.MODE, neutral=1.0, is_double=True)]
 PerContact = Annotated[np.ndarray, Items(Axis.CONTACT)]
 PerContactInt = Annotated[np.ndarray, Items(Axis.CONTACT, np.int64)]
-PerBasisInt = Annotated[np.ndarray, Items(Axis.BASIS, np.int64)]
 PerCompliance = Annotated[np.ndarray, Items(Axis.COMPLIANCE)]
 PerConnection = Annotated[np.ndarray, Items(Axis.CONNECTION)]
 PerConnectionInt = Annotated[np.ndarray, Items(Axis.CONNECTION, np.int64)]

@@ -288,14 +288,12 @@ class Row(IntEnum):
     START_POWER = 18  # s^α
 
 
-# of the basis of contacts (engine.kernel.contact.reduced_contact_solver)
 LANES = 8  # numbers that are taken at once
 BALANCE_MEMORY = 8  # of a Balance: eight numbers, where its others end
 BALANCE_SIZE = BALANCE_MEMORY + LANES
-MAX_RANK = 5  # rows; a basis of fewer has zeros in the last ones
 MAX_ROUNDS = 200  # of a contact solve, or evaluations of a contact law
-COLUMNS = 24  # of the table of products: 15 of pairs of rows, a zero, five rows, and zeros
-ROWS_COLUMN = 16
+FURTHER_ROUNDS = 64  # beyond their caps, which the solves of an island may take between two periodic checks
+LINE_SEARCHES = 16  # that its capped solves may take in that time
 
 CHUNK_FRAMES = 1024  # samples an island runs before the next one does: few enough for the fast cache
 DRIVE_FRAMES = 2 * CHUNK_FRAMES  # samples that are kept of the forces of strings that drive bodies; a power of 2

@@ -16,7 +16,6 @@ import numpy as np
 from engine.kernel.data.axes import (
     Axis,
     Items,
-    PerBasisInt,
     PerCompliance,
     PerConnection,
     PerConnectionContact,
@@ -82,14 +81,6 @@ class ModalLoss(NamedTuple):
     dissipation_factor: PerMode  # energy lost over p², (1 - d²)/2 for a half-step
 
 
-class BasisCoefficients(NamedTuple):
-    """Motion of the rows of a ContactBasis in a step of length h."""
-
-    rows: RowCoefficients  # of ContactBasis.rows
-    at_contacts: Shared  # √(m/N): what each row moves at each contact, row by row, padded to multiples of eight
-    products: Shared  # m/N: contact by contact, that of each pair of rows, and what each row moves
-
-
 class ConnectionCoefficients(NamedTuple):
     """Coefficients of an island's connections that depend on the length of a step; their forces are linear in their
     extensions s and in the moves g that the coming drift would bring without them: f = X·s + Y·g.
@@ -120,7 +111,6 @@ class ContactCoefficients(NamedTuple):
     coupling: PerCompliance | None  # B of each island, m/N; where an island has several contacts
     duration: PerContact | None  # s: length of the step; where there is friction
     only_kick_phi: PerModeShape | None  # t·Φ of the only contact of an island, of both bodies; or zeros
-    basis: BasisCoefficients | None
 
 
 class StepCoefficients(NamedTuple):
@@ -217,16 +207,6 @@ class Tension(NamedTuple):
     pull: Annotated[ModeShapeRows, Axis.PICKUP]  # force of a string on its end that a pickup hears, per N of the rise
 
 
-class ContactBasis(NamedTuple):
-    """Basis of many contacts of an island: their displacements are those of a few rows. Islands to which it does not
-    apply have no rows."""
-
-    rows: Annotated[ModeShapeRows, Axis.BASIS]
-    at_contacts_begin: PerBasisInt  # where those of its island begin in BasisCoefficients.at_contacts
-    products_begin: PerBasisInt  # and in BasisCoefficients.products
-    is_first: PerBasisInt  # 0 where contacts are solved in its space only if the other solve is capped
-
-
 class Friction(NamedTuple):
     """Points of friction, which lie among the contacts (engine.kernel.interactions.friction)."""
 
@@ -241,7 +221,6 @@ class Contact(NamedTuple):
     law: Law  # its type; in a kernel, with the numbers of the State
     rows: Annotated[ModeShapeRows, Axis.CONTACT]  # of the body that touches
     other_rows: Annotated[ModeShapeRows, Axis.CONTACT] | None  # of the body it touches, empty for a barrier
-    basis: ContactBasis | None
     friction: Friction | None
     nominal_stiffness: PerContact  # N/m^α, as the patch says
     nominal_barrier: PerContact  # m, as the patch says; subtracted from the projected displacement
@@ -384,7 +363,6 @@ class Islands(NamedTuple):
 
     mode: np.ndarray
     contact: np.ndarray
-    basis: np.ndarray
     compliance: np.ndarray
     connection: np.ndarray
     connection_pair: np.ndarray

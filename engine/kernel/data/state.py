@@ -200,7 +200,7 @@ class State(NamedTuple):
     scratch: Scratch | None  # for coupled contacts
     refinement: RefinementState | None
     flight: FreeFlightState
-    line_search_budget: PerIslandInt  # line searches left to capped solves
+    solve_budget: PerIslandInt  # further rounds and line searches left to coupled solves
     energy_debt: PerIsland  # J: what capped solves created and the motion could not pay for yet
     previous_velocity: PerPickup  # m/s, one sample ago
     energy_totals: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(EnergyTotal))]  # J

@@ -18,7 +18,6 @@ from engine.kernel.contact.contact_law import (
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.contact.friction_law import slides
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
-from engine.kernel.contact.reduced_contact_solver import basis_of_island, solve_reduced
 from engine.kernel.contact.scalar_contact_solver import ContactEquation, solve_scalar_contact
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.interactions.connections import (
@@ -34,12 +33,10 @@ from engine.kernel.interactions.contacts import (
     contact_number,
     count_outcome,
     energy_created,
-    find_moves_by_basis,
     free_displacement_at,
     has_contacts,
     is_closing,
     measured_miss,
-    moves_by_basis,
     must_be_measured,
     no_touch,
     open_compression,
@@ -207,15 +204,15 @@ def solve_several_contacts(contact, h, reach, max_rounds, state):
     rounds, status, excess, is_persistent = INT64_0, SolveStatus.NEWTON, 0.0, TRUE
     if has_friction(contact.friction):
         max_rounds = NO_CAP  # the energy of forces off their laws is known of contacts alone
-    elif not moves_by_basis(contact.basis):
+    else:
         rounds = solve_persistent(problem)
     if rounds == 0:
-        rounds, status, excess = find_coupled_forces(contact, h, reach, (problem, max_rounds), state)
+        rounds, status, excess = find_coupled_forces(reach, problem, max_rounds, state)
         is_persistent = FALSE
         choices = INT64_0
         while choose_together(contact.friction, h, reach, choices, state):
             choices += 1
-            more, status, excess = find_coupled_forces(contact, h, reach, (problem, max_rounds), state)
+            more, status, excess = find_coupled_forces(reach, problem, max_rounds, state)
             rounds += more
     vectors, is_measured = state.scratch.vectors, FALSE
     for n in range(reach.size):
@@ -230,38 +227,15 @@ def solve_several_contacts(contact, h, reach, max_rounds, state):
 
 
 @inline
-def solve_by_basis(basis, coefficients, law, state):
-    """Solve all contacts of an island in the space of their basis. Returns evaluations of the laws; 0 if there is no
-    basis, or the solve did not converge."""
-    if basis is None:
-        return INT64_0
-    if basis.is_first.shape[0] == 0:
-        return INT64_0
-    island_basis = basis_of_island(basis, coefficients, state.compression.shape[0])
-    return solve_reduced(law, island_basis, state.compression, state.free_displacement, state.scratch)
-
-
-@inline
-def find_coupled_forces(contact, h, reach, problem_and_rounds, state):
-    """Find the forces of several contacts, in the space of their basis or in that of the contacts; the scratch holds
-    them. Returns rounds, SolveStatus, and the energy that forces off their curves create, J."""
-    problem, max_rounds = problem_and_rounds
-    evaluations, is_all = INT64_0, reach.size == state.compression.shape[0]
-    is_first = moves_by_basis(contact.basis)
-    if is_first:
-        evaluations = solve_by_basis(contact.basis, h.basis, problem.law, state)
-        if evaluations > 0:
-            return evaluations, SolveStatus.NEWTON, 0.0
+def find_coupled_forces(reach, problem, max_rounds, state):
+    """Find the forces of several contacts, of which any may close or let go; the scratch holds them. Returns rounds,
+    SolveStatus, and the energy that forces off their curves create, J."""
     for n in range(reach.size):
         state.scratch.vectors[Row.FORCE, n] = state.contact_force[contact_number(reach.numbers, n)]
-    rounds, status, excess = solve_coupled(problem, max_rounds, state.line_search_budget)
-    if status == SolveStatus.CAPPED and is_all and not is_first:
-        evaluations = solve_by_basis(contact.basis, h.basis, problem.law, state)
-        if evaluations > 0:
-            return rounds + evaluations, SolveStatus.NEWTON, 0.0
+    rounds, status, excess = solve_coupled(problem, max_rounds, state.solve_budget)
     while status == SolveStatus.CAPPED and not excess < 0.5 * kinetic_energy(state.p):
         # a second time, without a cap, if the motion could not pay for the energy created
-        rounds, status, excess = solve_coupled(problem, NO_CAP, state.line_search_budget)
+        rounds, status, excess = solve_coupled(problem, NO_CAP, state.solve_budget)
     return rounds, status, excess
 
 
@@ -311,11 +285,6 @@ def takes_part(s, b, f):
 def measure_misses(contact, h, reach, state):
     """Measure MISS of the contacts that take part, from the momenta of the drift."""
     vectors = state.scratch.vectors
-    if moves_by_basis(contact.basis):
-        find_moves_by_basis(contact.basis, h.basis, state)
-        for k in range(reach.size):
-            vectors[Row.MISS, k] = state.free_displacement[k] - vectors[Row.STEP, k]
-        return
     for n in range(reach.size):
         eta, f = vectors[Row.STEP, n], vectors[Row.FORCE, n]
         k = contact_number(reach.numbers, n)

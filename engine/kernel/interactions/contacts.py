@@ -11,8 +11,7 @@ from engine.kernel.contact.contact_law import (
     potential_difference,
 )
 from engine.kernel.contact.friction_law import acts, bristle_energy, slides
-from engine.kernel.contact.reduced_contact_solver import basis_of_island, gather_rows, spread_rows
-from engine.kernel.data.enums import EventKind, Row, SolveStatus
+from engine.kernel.data.enums import FURTHER_ROUNDS, LINE_SEARCHES, EventKind, SolveStatus
 from engine.kernel.interactions.friction import (
     friction_parameter,
     is_of_friction,
@@ -33,7 +32,6 @@ from engine.kernel.modes.point_rows import (
 CANCELLATION = 3.0  # times compression and step: what B·f may be before moves are measured instead. At 100, a body
 # between two stiff walls gains 1e-14 of its energy in a step; at 0, no less than at 3
 LARGE_RESIDUE = 1e-10  # of compression and step: a residue that is carried from earlier steps and moves the bodies
-LINE_SEARCHES = 16  # that the capped solves of an island may spend between two periodic checks
 
 
 @inline
@@ -45,36 +43,6 @@ def has_contacts(contact, state):
 
 
 # --- moves and forces at a contact
-
-
-@inline
-def moves_by_basis(basis):
-    """True if contacts move bodies, and are moved, by the rows of their basis."""
-    if basis is None:
-        return False
-    return basis.is_first.shape[0] > 0 and basis.is_first[0] != 0
-
-
-@inline
-def find_moves_by_basis(basis, coefficients, state):
-    """Find how far the coming drift changes each compression, m, by the basis of the island's contacts."""
-    if basis is not None:
-        g, momentum = state.free_displacement, state.scratch.vectors[Row.GUESS]
-        island_basis = basis_of_island(basis, coefficients, g.shape[0])
-        for j in range(island_basis.rank):
-            momentum[j] = project_drift(basis.rows, coefficients.rows, j, state.drift_momentum)
-        spread_rows(island_basis, momentum, state.scratch.vectors[Row.WORK], g)
-
-
-@inline
-def push_by_basis(basis, coefficients, state):
-    """Do half a kick by all contact forces, by the basis of the island's contacts, and keep it for the second half."""
-    if basis is not None:
-        f, vectors = state.contact_force, state.scratch.vectors
-        island_basis = basis_of_island(basis, coefficients, f.shape[0])
-        gather_rows(island_basis, f, vectors[Row.WORK], vectors[Row.GUESS])
-        for j in range(island_basis.rank):
-            push_both_at_row(basis.rows, coefficients.rows, j, -vectors[Row.GUESS, j], state)
 
 
 class Touch(NamedTuple):
@@ -127,9 +95,6 @@ def free_displacement_at(contact, other_rows, h, k, p):
 @inline
 def find_free_displacements(contact, h, state):
     """Find how far the coming drift changes each compression, m."""
-    if moves_by_basis(contact.basis):
-        find_moves_by_basis(contact.basis, h.basis, state)
-        return
     moves = state.free_displacement
     for k in range(moves.shape[0]):
         moves[k] = 0.0
@@ -151,9 +116,6 @@ def push_at_contact(contact, other_rows, h, k, state):
 @inline
 def push_by_reach(contact, h, reach, state):
     """Do half a kick by the forces of contacts within reach, and keep it for the second half."""
-    if moves_by_basis(contact.basis):
-        push_by_basis(contact.basis, h.basis, state)
-        return
     for n in range(reach.size):
         push_at_contact(contact, contact.other_rows, h, contact_number(reach.numbers, n), state)
 
@@ -242,10 +204,10 @@ def invalidate_margins(moving):
 
 
 @inline
-def reset_line_search_budget(coupling, state):
-    """Give capped solves a new budget of line searches."""
+def reset_solve_budget(coupling, state):
+    """Give the solves of an island a new budget of further rounds and line searches."""
     if coupling is not None:
-        state.line_search_budget[0] = LINE_SEARCHES
+        state.solve_budget[0] = FURTHER_ROUNDS + LINE_SEARCHES
 
 
 # --- a solution is stored

@@ -23,7 +23,6 @@ from engine.kernel.interactions.contacts import (
     compression_from_modes,
     find_free_displacements,
     free_displacement_at,
-    moves_by_basis,
 )
 from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.friction import has_friction, slip_at
@@ -84,7 +83,7 @@ def leaves_out_contacts(connection, model, settings, state):
     is_only_contact = state.compression.shape[0] == 1 and not has_connections(connection, state)
     if is_only_contact or settings.kind != StepKind.SAMPLE:
         return False
-    if has_external_forces(model.force) or moves_by_basis(model.contact.basis) or stretches(model.tension, state):
+    if has_external_forces(model.force) or stretches(model.tension, state):
         return False
     if has_friction(model.contact.friction):
         return False

@@ -49,7 +49,7 @@ def _write_contacts(h: Any, of: Any) -> tuple[str, dict[str, Any]]:
     coupling = "None" if is_none(h.types[h.fields.index("coupling")]) else "tension_state.coupling"
     arrays = f"tension_state.compliance, tension_state.compliance_low, h.loss_rate, {coupling}"
     names = {"ContactCoefficients": ContactCoefficients}
-    return f"ContactCoefficients(h.rows, h.other_rows, {arrays}, h.duration, h.only_kick_phi, h.basis)", names
+    return f"ContactCoefficients(h.rows, h.other_rows, {arrays}, h.duration, h.only_kick_phi)", names
 
 
 def softened_connections(h: Any, tension_state: Any) -> Any:

@@ -21,8 +21,8 @@ from engine.kernel.interactions.connections import has_connections
 from engine.kernel.interactions.contacts import (
     has_contacts,
     invalidate_margins,
-    reset_line_search_budget,
     reset_open_contacts,
+    reset_solve_budget,
 )
 from engine.kernel.interactions.external_forces import has_external_forces
 from engine.kernel.interactions.near_contacts import cannot_close
@@ -164,7 +164,7 @@ def update_before_sample(model, state, frame):
     flight: at every check, and where something is due or bodies have separated. At a check, also plan ahead."""
     is_check = frame % CHECK_PERIOD == 1
     if is_check:
-        reset_line_search_budget(state.scratch, state)
+        reset_solve_budget(state.scratch, state)
     wakes_at = state.sleep[Sleep.WAKE_FRAME]
     if frame >= wakes_at and state.in_contact[0] == 0 and frame > 0:
         is_planned = frame == state.contact_free_until[0]

@@ -41,7 +41,7 @@ class RenderInterrupted(KeyboardInterrupt):
 
 
 class PatchWarning(FutureWarning):
-    """A patch that works, and something in it that is said better otherwise, such as a key with an old name."""
+    """A patch that works, and something in it that is said better otherwise, or has no effect any more."""
 
 
 class PatchError(ValueError):

@@ -1,14 +1,17 @@
-"""The JSON Schema of patches for editors: that of the models, with the old names of keys beside the new."""
+"""The JSON Schema of patches for editors: that of the models, with the old names of keys beside the new, and a key that
+has no effect any more."""
 
 from typing import Any
 
 from engine.patch.json_schema import patch_schema
+from engine.patch.precision_key import NOTE, PATH
 from engine.patch.renamed_keys import old_keys
 
 
 def editor_schema() -> dict[str, Any]:
     """JSON Schema of a patch, draft 7, in which old keys are allowed, and marked as deprecated."""
     schema = patch_schema()
+    schema["definitions"]["Accuracy"]["properties"][PATH[1]] = {"deprecated": True, "description": NOTE}
     for model, renamed in old_keys().items():
         for old, new in renamed.items():
             _add_old_key(schema["definitions"][model], old, new)

@@ -26,6 +26,7 @@ from engine.patch.error_messages import (
     path_to_blame,
 )
 from engine.patch.misspelt import Slip, find_slips, find_wrong_guesses, spell_right
+from engine.patch.precision_key import NOTE, PATH, remove_precision
 from engine.patch.renamed_keys import RenamedKeys, rename_keys
 from engine.patch.scene_tables import MAX_FAULTS_COLLECTED, SceneTables
 from engine.patch.toml_lines import NestedTooDeep, locate_keys, nearest_line, split_statements
@@ -60,6 +61,9 @@ def read_scene(kind: type[S], path: str | Path | dict[str, Any]) -> S:
     data = _parse_toml(str(path), text)
     if not data:
         raise PatchError([Fault("", f"empty; {program_name()} new NAME writes a first patch", str(path))])
+    if remove_precision(data):
+        note = Fault(format_path(PATH), NOTE, str(path), nearest_line(locate_keys(text), PATH))
+        warnings.warn(str(note), PatchWarning, stacklevel=3)  # where `fdh.load` is called
     renamed = RenamedKeys()
     try:
         return validate_document(kind, data, path.parent, str(path), text, renamed)

@@ -21,7 +21,6 @@ VARIANTS: dict[str, list[dict[str, Any]]] = {  # beside the patch as it is
     "repelled_oscillator": [{"scheme": "fdh"}],
     "barrier_quadratic": [{"order": 4, "substeps": 2}],
     "piano_c4": [{"substeps": 2}],
-    "tanpura": [{"precision": "float32"}],
     "guitar_frets": [{"order": 6}],
     "ball_on_drum": [{"oversample": 2}],
 }

@@ -140,7 +140,7 @@ def finer_setting(used: Accuracy, substeps: int = 1) -> Accuracy:
 
     substeps: at least so many
     """
-    exact = {"precision": "float64", "tolerance": 1e-15, "iterations": max(used.iterations, 200)}
+    exact = {"tolerance": 1e-15, "iterations": max(used.iterations, 200)}
     finer = used.replace(substeps=min(max(REFINEMENT * used.substeps, substeps), MAX_SUBSTEPS), **exact)
     if used.max_error is None:
         return finer

@@ -49,7 +49,7 @@ class StudyRuns:
     def planned(self, accuracy: Accuracy) -> StudyRun:
         """The run of a setting. The first of each kernel is built, to see whether that is there."""
         is_composed = accuracy.order > 2 or accuracy.substeps > 1
-        effects = accuracy.order > 2, is_composed, accuracy.max_error is None, accuracy.precision
+        effects = accuracy.order > 2, is_composed, accuracy.max_error is None
         if effects not in self._kernels:
             simulation, _ = self._build(accuracy)
             self._kernels[effects] = None if simulation.is_compiled else simulation.kinds

@@ -98,8 +98,8 @@ class Reference(NamedTuple):
     perturbed: Run  # the same, begun a little off
 
 
-def settings_ladder(order_2_only: bool, has_table_changes: bool = False) -> list[Setting]:
-    """The settings that a scene is tried at, coarse to fine. Tables of single precision cannot be changed."""
+def settings_ladder(order_2_only: bool) -> list[Setting]:
+    """The settings that a scene is tried at, coarse to fine."""
     rungs = [Setting("fdh", {"scheme": "fdh", "order": 2, "substeps": 1})]
     for order, substeps in ORDER_2_LADDER if order_2_only else LADDER:
         rungs.append(Setting(f"order {order}, {substeps} ×", {"order": order, "substeps": substeps}))
@@ -107,8 +107,6 @@ def settings_ladder(order_2_only: bool, has_table_changes: bool = False) -> list
         changes = {"order": 2, "substeps": 1, "max_error": error, "max_substeps": MAX_CHOSEN_STEPS}
         rungs.append(Setting(f"max error {error:.0e}".replace("e-0", "e-"), changes))
     rungs.append(Setting("oversample 2", {"order": 2, "substeps": 1, "oversample": 2}))
-    if not has_table_changes:
-        rungs.append(Setting("float32 modes", {"order": 2, "substeps": 1, "precision": "float32"}))
     return rungs
 
 
@@ -127,10 +125,9 @@ def measure_work_precision(
     seconds = min(scene.seconds, DEFAULT_SECONDS) if seconds is None else seconds
     if report is not None:
         report(0.0, "building", None)
-    base = scene.accuracy.replace(scheme="exact", oversample=1, precision="float64", silence=-np.inf, iterations=200)
+    base = scene.accuracy.replace(scheme="exact", oversample=1, silence=-np.inf, iterations=200)
     order_2_only = _allows_order_2_only(scene, samplerate, base)
-    changes_tables = any(getattr(event, "parameter", None) for event in scene.event)
-    ladder = settings_ladder(order_2_only, changes_tables)
+    ladder = settings_ladder(order_2_only)
     used = {setting: base.replace(**setting.changes) for setting in ladder}
     references = _reference_settings(scene, order_2_only, base)
     progress = StudyProgress(report)

@@ -20,6 +20,7 @@ from engine.offline.trace import TraceArrays, contact_names
 from engine.output_files import apply_gain, atomic_write, check_audio_format, save_trace
 from engine.patch.accuracy import Accuracy
 from engine.patch.error_messages import suggestion
+from engine.patch.precision_key import PATH
 from engine.patch.scene import Scene, check_scene
 from engine.patch.scene_tables import MAX_LEVEL
 from engine.report.figures import PICTURE_ENDINGS, PLOT_STYLES, PlotStyle, save_figure, set_title
@@ -265,8 +266,8 @@ def render(
     kernel:     special, general or auto (engine.runtime.kernel_choice). The samples are the same
     trace_shapes: keep a trace, and with it shapes of strings, bars and sheets: 4000 of each at most and 64 MB in all,
                 evenly apart
-    accuracy:   scheme, order, substeps, max_error, max_substeps, least_detuning, tolerance, oversample, precision,
-                iterations, silence: of each, what the scene says if absent or None (engine.patch.accuracy)
+    accuracy:   scheme, order, substeps, max_error, max_substeps, least_detuning, tolerance, oversample, iterations,
+                silence: of each, what the scene says if absent or None (engine.patch.accuracy)
 
     Raises TypeError if an argument is of the wrong kind or unknown, ValueError if one is out of range, BuildError
     (a ValueError) if the scene cannot be built at this sample rate. The KeyboardInterrupt of Ctrl-C has the part that
@@ -295,7 +296,7 @@ def render(
 def check_accuracy_names(accuracy: Mapping[str, Any], caller: str) -> None:
     """Raise TypeError for a keyword that is not a key of [accuracy]. caller: the function that was given it"""
     for name in accuracy:
-        if name not in Accuracy.model_fields:
+        if name not in Accuracy.model_fields and name != PATH[1]:  # which is read with a note
             raise TypeError(f"{caller} has no argument {name!r}; {suggestion(name, [*Accuracy.model_fields])}")
 
 

@@ -1,11 +1,11 @@
-"""Memory of the arrays of a record: allocation, alignment and precision."""
+"""Memory of the arrays of a record: allocation and alignment."""
 
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from engine.kernel.data.axes import MODAL, Axis, Items, arrays_of, fields_of, map_arrays
+from engine.kernel.data.axes import Axis, Items, arrays_of, fields_of, map_arrays
 
 CACHE_LINE_BYTES = 64
 
@@ -24,20 +24,6 @@ def align_to_cache_lines(value: Any) -> Any:
         return moved
 
     return map_arrays(align, value)
-
-
-def to_single_precision(value: Any) -> Any:
-    """Return a copy of a record with modes of single precision; contacts and energies stay double."""
-
-    def convert(array: np.ndarray, items: Items) -> np.ndarray:
-        return array.astype(np.float32) if may_be_single(items) else array
-
-    return map_arrays(convert, value)
-
-
-def may_be_single(items: Items) -> bool:
-    """True for arrays that may be of single precision."""
-    return items.axis in MODAL and items.dtype == np.float64 and not items.is_double
 
 
 def array_shape(items: Items, counts: Mapping[Axis, int]) -> tuple[int, ...]:

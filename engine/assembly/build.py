@@ -12,7 +12,7 @@ import numpy as np
 from engine.arithmetic import plain_numbers
 from engine.arithmetic.elementary import square
 from engine.assembly import limits
-from engine.assembly.array_memory import align_to_cache_lines, to_single_precision
+from engine.assembly.array_memory import align_to_cache_lines
 from engine.assembly.connections import check_connections, connections
 from engine.assembly.contact_points import NOWHERE, BodyPoint, contact_sides, offset
 from engine.assembly.contact_reach import contacts_to_build
@@ -128,8 +128,6 @@ def build(
     )
     state = initial_state(layout, model)
     _refuse_deep(layout, state)
-    if accuracy.precision == "float32":
-        model, state = to_single_precision(model), to_single_precision(state)
     return BuildResult(align_to_cache_lines(model), align_to_cache_lines(state), layout)
 
 

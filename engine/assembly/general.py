@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from engine.assembly.array_memory import array_shape, may_be_single
+from engine.assembly.array_memory import array_shape
 from engine.assembly.initial_state import allocate_scratch, item_counts
 from engine.kernel.data.axes import Axis, Items, fields_of
 from engine.kernel.data.laws import NO_NUMBERS, Power
@@ -25,10 +25,9 @@ NUMBERS |= {"finest": 0, "limit": 0.0}  # and of absent AdaptiveSteps
 
 
 class Filling(NamedTuple):
-    """Sizes and types of the neutral arrays that replace absent ones."""
+    """Sizes of the neutral arrays that replace absent ones."""
 
     counts: Mapping[Axis, int]
-    modal_dtype: Any  # of arrays of modes
     stages: int  # rows in front of each array; 0: none
     row_axis: Axis | None  # axis of rows of mode shapes
 
@@ -37,7 +36,7 @@ def generalise(model: Model, state: State) -> tuple[Model, State]:
     """Return a Model and a State for the general kernel, which give the same samples. They keep the given arrays, and
     have neutral ones where there were none."""
     counts = {Axis.SHAPE: 0, Axis.SHARED: 0, **item_counts(model)}
-    filling = Filling(counts, model.step.kick.dtype, 0, None)
+    filling = Filling(counts, 0, None)
     contacts = int(np.diff(model.islands.contact).max(initial=1))
     if state.scratch is None:
         state = state._replace(scratch=allocate_scratch(counts[Axis.PARTITION], max(1, contacts)))
@@ -73,5 +72,4 @@ def neutral_array(items: Items, filling: Filling) -> np.ndarray:
     if items.axis is Axis.ROW and filling.row_axis is not None:
         items = replace(items, axis=filling.row_axis)
     stages = (filling.stages,) if filling.stages else ()
-    dtype = filling.modal_dtype if may_be_single(items) else items.dtype
-    return np.full((*stages, *array_shape(items, filling.counts)), items.neutral, dtype)
+    return np.full((*stages, *array_shape(items, filling.counts)), items.neutral, items.dtype)

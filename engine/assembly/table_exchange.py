@@ -53,8 +53,6 @@ def find_varying_parts(target: Sequence[Model], variants: Sequence[Sequence[Mode
     target: the Models in use, with their coarser ones
     Raises CannotExchange if the arrays are not alike.
     """
-    if target[0].step.kick.dtype != np.float64:
-        raise CannotExchange('single precision has no tables to exchange; precision = "float64"')
     parts = list[Part]()
     for ours, *models in zip(target, *variants, strict=True):
         parts += _varying(ours, models, "")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from engine.files import find_patch
 from engine.output_files import NORMALISED_PEAK_DBFS, SUBTYPES
+from engine.patch.precision_key import WHY
 from engine.wording import to_one_line
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 MAX_USAGE_CHARACTERS = 400  # characters of a message
 VOICES = 8  # notes at a time, unless told otherwise
 ACCURACY_OPTIONS = {"scheme": str, "order": int, "substeps": int, "tolerance": float, "oversample": int}
-ACCURACY_OPTIONS |= {"precision": str, "max_error": float, "max_substeps": int}
+ACCURACY_OPTIONS |= {"max_error": float, "max_substeps": int}
 # options that several commands have: what stands for the value, and the help
 SHARED_OPTIONS = {
     "--scheme": ("NAME", "exact: linear motion is exact; fdh: the finite differences of the paper"),
@@ -26,7 +27,6 @@ SHARED_OPTIONS = {
     "--max-substeps": ("N", "steps per sample at most, where they are chosen by --max-error"),
     "--tolerance": ("T", "relative tolerance of the contact solve"),
     "--oversample": ("N", "compute everything at N times the sample rate, then decimate"),
-    "--precision": ("TYPE", "precision of the modes: float64 or float32"),
     "--seconds": ("S", "length in seconds (default: that of the patch)"),
     "--samplerate": ("HZ", "sample rate in Hz (default: 44100)"),
     "--subtype": ("TYPE", f"sample format: {', '.join(SUBTYPES)} (default: FLOAT)"),
@@ -62,6 +62,8 @@ RENAMED = {
     "--log": "--event-log",
     "--sample": "--random",
 }
+# options that are gone, and why
+REMOVED = {"--precision": f"{WHY}; leave it out"}
 
 
 class Parser(argparse.ArgumentParser):
@@ -107,7 +109,8 @@ class CommandParser(Parser):
         return known, unknown
 
     def answer_old_option(self, option: str) -> str:
-        """Return the message for an option of an earlier version, with its new name; "" if it is none."""
+        """Return the message for an option of an earlier version, with its new name or why it is gone; "" if it is
+        none."""
         if option in self._option_string_actions:
             return ""
         program = self.prog.rpartition(" ")[0]
@@ -116,6 +119,8 @@ class CommandParser(Parser):
         if option in RENAMED:
             new = RENAMED[option]
             return f"{option} is now called {new}" + ("" if new in self._option_string_actions else self.owners(new))
+        if option in REMOVED:
+            return f"{option} is gone: {REMOVED[option]}"
         return ""
 
     def owners(self, option: str) -> str:

@@ -25,6 +25,7 @@ from engine.compiler.tricks import Trick, in_use
 WIDTH = 8
 DOUBLE, INT32 = ir.DoubleType(), ir.IntType(32)
 VECTOR = ir.VectorType(DOUBLE, WIDTH)
+NUMBER_BYTES = 8
 
 
 class Lanes(types.Type):
@@ -146,43 +147,38 @@ def _first_lanes(context: Any, builder: Any, kind: Any, count: Any) -> Any:
     return builder.icmp_signed("<", ir.Constant(several.type, list(range(WIDTH))), several)
 
 
-def _masked(builder: Any, operation: str, result: Any, operands: list[Any], pointer: Any) -> Any:
+def _masked(builder: Any, operation: str, result: Any, operands: list[Any]) -> Any:
     """Call LLVM's masked load or store of the lanes at a pointer."""
-    name = f"llvm.masked.{operation}.v{WIDTH}{{0}}.p0v{WIDTH}{{0}}".format(
-        "f64" if pointer.type.pointee == VECTOR else "f32"
-    )
+    name = f"llvm.masked.{operation}.v{WIDTH}f64.p0v{WIDTH}f64"
     function = ir.FunctionType(result, [operand.type for operand in operands])
     return builder.call(cgutils.get_or_insert_function(builder.module, function, name), operands)
 
 
 def _load(context: Any, builder: Any, array: Any, numbers: Any, place: list[Any], kind: Any) -> Any:
     """Return eight numbers of an array, or fewer. place: the first, and how many if they are fewer; kind: of both"""
-    pointer, size = _pointer(context, builder, numbers, array, place[0], kind), array.dtype.bitwidth // 8
+    pointer = _pointer(context, builder, numbers, array, place[0], kind)
     if len(place) == 2:
-        into = pointer.type.pointee
-        mask, zeros = _first_lanes(context, builder, kind, place[1]), ir.Constant(into, [0.0] * WIDTH)
-        loaded = _masked(builder, "load", into, [pointer, INT32(size), mask, zeros], pointer)
-    else:
-        loaded = builder.load(pointer)
-        loaded.align = size
-    return loaded if loaded.type == VECTOR else builder.fpext(loaded, VECTOR)
+        mask = _first_lanes(context, builder, kind, place[1])
+        return _masked(builder, "load", VECTOR, [pointer, INT32(NUMBER_BYTES), mask, _constant(0.0)])
+    loaded = builder.load(pointer)
+    loaded.align = NUMBER_BYTES
+    return loaded
 
 
 def _store(context: Any, builder: Any, array: Any, numbers: Any, place: list[Any], kind: Any, lanes: Any) -> Any:
     """Write eight numbers to an array, or fewer; `place` and `kind` as of `_load`."""
-    pointer, size = _pointer(context, builder, numbers, array, place[0], kind), array.dtype.bitwidth // 8
-    stored = lanes if pointer.type.pointee == VECTOR else builder.fptrunc(lanes, pointer.type.pointee)
+    pointer = _pointer(context, builder, numbers, array, place[0], kind)
     if len(place) == 2:
         mask = _first_lanes(context, builder, kind, place[1])
-        _masked(builder, "store", ir.VoidType(), [stored, pointer, INT32(size), mask], pointer)
+        _masked(builder, "store", ir.VoidType(), [lanes, pointer, INT32(NUMBER_BYTES), mask])
     else:
-        builder.store(stored, pointer, align=size)
+        builder.store(lanes, pointer, align=NUMBER_BYTES)
     return context.get_dummy_value()
 
 
 @intrinsic
 def load_lanes(numbers: Any, k: Any) -> Any:
-    """Return eight numbers of a contiguous array, of either precision, from number k on."""
+    """Return eight numbers of a contiguous array, from number k on."""
     return LANES(numbers, k), lambda context, builder, sig, args: _load(
         context, builder, sig.args[0], args[0], [args[1]], sig.args[1]
     )
@@ -210,15 +206,14 @@ def store_lanes(numbers: Any, k: Any, lanes: Any) -> Any:
 
 @intrinsic
 def number_at(numbers: Any, place: Any) -> Any:
-    """Return the number of an array at an index, in double precision; or eight numbers at an EightFrom or FewFrom."""
+    """Return the number of an array at an index; or eight numbers at an EightFrom or FewFrom."""
 
     def lanes_at(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         places = cgutils.unpack_tuple(builder, args[1])
         return _load(context, builder, sig.args[0], args[0], places, sig.args[1][0])
 
     def one_at(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        number = context.unpack_value(builder, numbers.dtype, _address(context, builder, sig, args))
-        return context.cast(builder, number, numbers.dtype, types.float64)
+        return context.unpack_value(builder, numbers.dtype, _address(context, builder, sig, args))
 
     is_several = isinstance(place, types.BaseTuple)
     return (LANES(numbers, place), lanes_at) if is_several else (types.float64(numbers, place), one_at)

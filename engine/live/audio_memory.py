@@ -106,7 +106,7 @@ class AudioMemory:
 def coarser_models(built: BuildResult, accuracy: Accuracy) -> list[Model]:
     """Coarser models of the same kind, to step down to where blocks come near their deadline."""
     model, layout = built.model, built.layout
-    if model.refinement is None or accuracy.precision == "float32":
+    if model.refinement is None:
         return []
     has_events, rate = model.events is not None, model.samplerate
     tables = [build_refinement(layout, coarse, rate, has_events, accuracy) for coarse in accuracy.coarser()[1:]]

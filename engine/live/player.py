@@ -90,7 +90,7 @@ class Player:
             raise BuildError(Fault("accuracy.oversample", message))
         self.patch, self.voices, self.waiting = scene, chosen.voices, chosen.waiting
         if self.voices:
-            plain = scene.accuracy.replace(order=2, substeps=1, precision="float64")  # a voice is tuned table by table
+            plain = scene.accuracy.replace(order=2, substeps=1)  # a voice is tuned table by table
             copies = replicate(retune(with_chosen_residuals(scene, samplerate), chosen.lowest), self.voices)
             scene = copies.model_copy(update={"accuracy": plain.model_copy(update={"max_error": None})})
         elif scene.accuracy.max_error is not None:  # no sample may take as long as a block
@@ -376,11 +376,10 @@ class Player:
 
     @cached_property
     def live_paths(self) -> dict[str, LivePath]:
-        """The live parameters that `set` can change, by path. Voices are tuned with `tune` instead, and a scene of
-        single precision has no tables that can change."""
+        """The live parameters that `set` can change, by path. Voices are tuned with `tune` instead."""
         contact = self.model.contact
         paths = live_paths(self.scene, contact is not None and isinstance(contact.law, Power))
-        if self.voices or self.model.step.kick.dtype != np.float64:
+        if self.voices:
             return {name: path for name, path in paths.items() if path.is_glided or path.is_level}
         return paths
 

@@ -107,7 +107,7 @@ def render_arrays(
     brief_contacts = [] if touches is None else touches.statistics()
     finite = bool(np.isfinite(audio).all())
     reasons = explain_build_doubts(scene.model_copy(update={"accuracy": used}), layout, model)
-    reasons += explain_doubts(simulated.newton, simulated.energy.error_max, finite, used.precision)
+    reasons += explain_doubts(simulated.newton, simulated.energy.error_max, finite)
     stats = RenderStatistics(
         **vars(simulated),
         seconds=frames / fine,

@@ -120,8 +120,7 @@ class ShapeSnapshots:
 
     def _mode_shapes(self, layout: Layout) -> np.ndarray:
         """Return the mode shapes at all points, as the kernels have them."""
-        phi = mode_shape_rows([layout.row(point) for point in self._points]).phi
-        return phi.astype(self._simulation.model.bodies.phi.dtype)
+        return mode_shape_rows([layout.row(point) for point in self._points]).phi
 
     def arrays(self, samplerate: float, frames: int) -> dict[str, np.ndarray]:
         """Return the snapshots of so many frames by their public names; positions that lie on no body are NaN."""

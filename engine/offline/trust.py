@@ -18,7 +18,7 @@ from engine.patch.tables import Contact, StrikeEvent
 MAX_INITIAL_ENERGY_SHARE = (
     0.01  # of the energy of its motion: what a hammer may hold in a contact at first without a word
 )
-MAX_ENERGY_ERROR = {"float64": 1e-9, "float32": 1e-2}  # of the largest energy held: errors beyond are no rounding
+MAX_ENERGY_ERROR = 1e-9  # of the largest energy held: errors beyond are no rounding
 MAX_CAPPED_SHARE = 0.05  # of the samples in contact: more capped solves are audible
 MAX_FDH_DAMPING = 0.15  # σh: beyond, the paper's scheme moves a damped body too far
 
@@ -85,9 +85,7 @@ def _suggest_sign(contact: Contact, begin: float, depth: float, hammer_share: fl
     return f'side = "{"below" if contact.side == "above" else "above"}" is likely meant, or another {key}'
 
 
-def explain_doubts(
-    newton: NewtonStatistics, energy_error: float, finite: bool, precision: str = "float64"
-) -> list[str]:
+def explain_doubts(newton: NewtonStatistics, energy_error: float, finite: bool) -> list[str]:
     """Why the motion or the energies of a render cannot be vouched for; empty where they can.
 
     energy_error: relative to the largest energy held
@@ -102,7 +100,7 @@ def explain_doubts(
         reasons.append(f"the tensions of {newton.loose_tensions} steps were not found to the last digits")
     if not math.isfinite(energy_error):
         reasons.append("the energies are not finite")
-    elif energy_error > MAX_ENERGY_ERROR[precision]:
+    elif energy_error > MAX_ENERGY_ERROR:
         reasons.append(f"the energy error is {energy_error:.1e} of the maximum stored energy")
     outcomes = newton.solve_outcomes
     if outcomes.capped > MAX_CAPPED_SHARE * outcomes.solved:

@@ -3,11 +3,12 @@
 from enum import Enum, auto
 from typing import Any, Literal, NamedTuple
 
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from engine.argument_checks import plain_value
 from engine.bodies.table import Table
 from engine.faults import BuildError, Fault
+from engine.patch.precision_key import drop_precision
 from engine.wording import describe_violation
 
 MAX_SUBSTEPS = 8192
@@ -57,9 +58,6 @@ class Accuracy(Table):
         le=MAX_OVERSAMPLE,
         description="oversampling factor: everything is computed at this multiple of the sample rate",
     )
-    precision: Literal["float64", "float32"] = Field(
-        default="float64", description="precision of the modes; with float32, the energy drifts"
-    )
     iterations: int = Field(
         default=6,
         ge=2,
@@ -72,6 +70,12 @@ class Accuracy(Table):
         allow_inf_nan=True,
         description="level relative to its peak below which a coupled subsystem becomes inactive, dB; -inf: never",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _drop_precision(cls, settings: Any) -> Any:
+        """The settings without one that has no effect any more, of which a warning says so."""
+        return drop_precision(settings)
 
     def replace(self, **changes: Any) -> "Accuracy":
         """A copy with the values that are not None in place of its own. Raises ValueError if one is out of range, or

@@ -13,6 +13,7 @@ from engine.faults import Fault, PatchError
 from engine.instrument.expansion import is_instrument
 from engine.patch.error_messages import suggestion
 from engine.patch.parameters import list_parameters
+from engine.patch.precision_key import PATH
 from engine.patch.reader import DOCUMENT, S, validate_document
 from engine.patch.scene_tables import SceneTables
 
@@ -28,7 +29,7 @@ def replace_values(scene: S, values: Mapping[str, Any]) -> S:
         if not isinstance(path, str):
             raise TypeError(f"{path!r} is not a path; give text, such as {_example(scene)}")
         try:
-            key_path, _ = locate(path, scene, data)
+            key_path = PATH if path == ".".join(PATH) else locate(path, scene, data)[0]  # which is read with a note
         except ValueError as error:
             faults.append(Fault(path, str(error).removeprefix(f"{path}: "), DOCUMENT))
             continue

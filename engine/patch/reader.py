@@ -3,6 +3,7 @@
 import difflib
 import re
 import tomllib
+import warnings
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 from pydantic import ValidationError
 
 from engine.bodies.table import KeyPath
-from engine.faults import Fault, PatchError
+from engine.faults import Fault, PatchError, PatchWarning
 from engine.files import MB, SHIPPED_PATCHES, UnreadableFile, find_patch, is_folder, read_bytes, shortest_name
 from engine.instrument.expansion import Expansion, is_instrument
 from engine.instrument.key_writer import Origins
@@ -25,6 +26,7 @@ from engine.patch.error_messages import (
     path_to_blame,
 )
 from engine.patch.misspelt import Slip, find_slips, find_wrong_guesses, spell_right
+from engine.patch.precision_key import NOTE, PATH, remove_precision
 from engine.patch.scene_tables import MAX_FAULTS_COLLECTED, SceneTables
 from engine.patch.toml_lines import NestedTooDeep, locate_keys, nearest_line, split_statements
 from engine.wording import program_name, to_one_line
@@ -58,6 +60,9 @@ def read_scene(kind: type[S], path: str | Path | dict[str, Any]) -> S:
     data = _parse_toml(str(path), text)
     if not data:
         raise PatchError([Fault("", f"empty; {program_name()} new NAME writes a first patch", str(path))])
+    if remove_precision(data):
+        note = Fault(format_path(PATH), NOTE, str(path), nearest_line(locate_keys(text), PATH))
+        warnings.warn(str(note), PatchWarning, stacklevel=3)  # where `fdh.load` is called
     return validate_document(kind, data, path.parent, str(path), text)
 
 

@@ -11,8 +11,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
-import numpy as np
-
 from engine.assembly.general import generalise
 from engine.compiler.background import Request
 from engine.compiler.kernel_name import KernelName, read_kernel_name
@@ -64,8 +62,6 @@ def prepare(models: Sequence[Model], state: State, uses: Sequence[Use], requeste
     general = Prepared([model for model, _ in pairs], pairs[0][1], KernelName.GENERAL)
     if name is KernelName.GENERAL:
         return general
-    if not is_ready(general, uses) and models[0].step.kick.dtype != np.float64:
-        return special  # few scenes ask for single precision: its general kernel is not worth 30 s
     return replace(general, missing=[*requests_of(special, uses), *requests_of(general, uses)])
 
 

@@ -20,6 +20,7 @@ from engine.output_files import absolute_path, check_audio_format
 from engine.patch.error_messages import format_path
 from engine.patch.note_scene import HOLD_SECONDS, TAIL_SECONDS
 from engine.patch.paths import set_value
+from engine.patch.precision_key import remove_precision
 from engine.patch.scene import Scene, scene_of_document
 from engine.sweep.axes import MAX_GRID_POINTS, SweepAxis, Value, parse_axis
 from engine.sweep.index_csv import check_index
@@ -151,6 +152,7 @@ def plan_sweep(
     lengths: of notes, by the options hold and seconds; None where they are not given
     """
     data = tomllib.loads(Path(args.patch).read_text("utf-8-sig"))
+    remove_precision(data)  # of which a note has said that it has no effect
     numbers, faults = _parse_numbers(args)
     axes: list[SweepAxis] = []
     for text in args.vary:

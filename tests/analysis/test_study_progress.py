@@ -6,9 +6,9 @@ import pytest
 from conftest import ROOT
 
 import engine
-from engine.analysis import study_progress, work_precision
+from engine.analysis import study_progress
 from engine.analysis.study_progress import StudyProgress, StudyRun
-from engine.analysis.work_precision import measure_work_precision, settings_ladder
+from engine.analysis.work_precision import measure_work_precision
 
 LADDER = [1, 20, 16, 10, 5, 4, 2, 2, 1, 1]  # stages of a sample, in the order of a study
 REFERENCES = [36, 36, 72, 72, 144, 144]
@@ -51,7 +51,7 @@ def test_the_estimate_holds_from_the_third_run_on_and_does_not_grow(monkeypatch,
 def test_kernels_that_have_to_be_compiled_count_from_the_beginning(monkeypatch, seconds):
     """Each once, also those of runs that are to come long after the fast ones; of a kernel that is there, nothing."""
     clock, reports = Clock(monkeypatch), []
-    planned = [*runs([1, 20, 16, 10]), *runs([9, 1], kernel="float32"), *runs([4, 4, 8, 8]), *runs([2], "float32")]
+    planned = [*runs([1, 20, 16, 10]), *runs([9, 1], kernel="refined"), *runs([4, 4, 8, 8]), *runs([2], "refined")]
     planned = [run._replace(setting=n) for n, run in enumerate(planned)] + runs([3, 6], "another")
     progress = StudyProgress(lambda *report: reports.append((clock.now, *report)))
     progress.plan(planned)
@@ -99,8 +99,6 @@ def test_references_that_are_not_needed_shorten_it(monkeypatch):
 @pytest.mark.hard
 def test_a_study_names_its_phases(monkeypatch):
     monkeypatch.setenv("FDH_KERNEL", "general")
-    without_float32 = [rung for rung in settings_ladder(False) if "precision" not in rung.changes]  # minutes to compile
-    monkeypatch.setattr(work_precision, "settings_ladder", lambda *told: without_float32)
     phases, shares = [], []
 
     def report(share, phase, left):

@@ -9,24 +9,12 @@ import pytest
 from conftest import ROOT
 
 import engine
-from engine.analysis import metrics, work_precision
+from engine.analysis import metrics
 from engine.analysis.work_precision import measure_work_precision
 from engine.cli import main
 from engine.offline.simulation import THREAD_CLOCK, time_block
 
 PATCH = ROOT / "patches" / "repelled_oscillator.toml"
-
-
-WHOLE_LADDER = work_precision.settings_ladder
-
-
-@pytest.fixture(scope="module", autouse=True)
-def without_single_precision():
-    """All settings but float32, whose kernel is not shipped: to compile it takes two minutes."""
-    with pytest.MonkeyPatch.context() as patched:
-        ladder = lambda *told: [rung for rung in WHOLE_LADDER(*told) if "precision" not in rung.changes]
-        patched.setattr(work_precision, "settings_ladder", ladder)
-        yield
 
 
 @pytest.fixture(scope="module")
@@ -55,14 +43,6 @@ def test_finer_settings_err_less_and_cost_more(found):
     assert rows["order 4, 4 ×"]["front"]
 
 
-@pytest.mark.slow  # its kernel is not shipped: compiling takes minutes
-def test_single_precision_is_a_row_and_loses_energy(monkeypatch):
-    monkeypatch.setattr(work_precision, "settings_ladder", WHOLE_LADDER)
-    rows = {row["setting"]: row for row in measure_work_precision(engine.load(PATCH), seconds=0.05)["rows"]}
-    assert rows["float32 modes"]["energy_error"] > 1e-12 >= rows["order 2, 1 ×"]["energy_error"]
-
-
-@pytest.mark.hard
 @pytest.mark.hard
 def test_the_reference_agrees_with_itself(found):
     assert found["horizon"] == pytest.approx(0.05)  # one oscillator, one barrier: nothing chaotic
@@ -267,14 +247,13 @@ def test_errors_of_noise_are_those_against_a_higher_sample_rate():
 
 
 @pytest.mark.hard
-def test_a_patch_whose_pitch_glides_has_errors_and_costs(monkeypatch):
+def test_a_patch_whose_pitch_glides_has_errors_and_costs():
     """The steps of the glide are an error of every setting, and take time."""
     shape = {"kind": "triangle", "at": 0.2, "amplitude": 1e-3}
     change = {"kind": "change", "time": 0.002, "parameter": "body.s.tension", "value": 88.0, "duration": 0.02}
     patch = {"body": [STRING | {"displacement": shape}], "event": [change], "pickup": [{"body": "s", "at": 0.1}]}
     measured = lambda doc: {row.setting: row for row in measure_work_precision(engine.load(doc), seconds=0.02).rows}
     still = measured(patch | {"event": []})
-    monkeypatch.setattr(work_precision, "settings_ladder", WHOLE_LADDER)
     gliding = measured(patch)
-    assert gliding["order 4, 4 ×"].error > 1e-3 and "float32 modes" not in gliding
+    assert gliding["order 4, 4 ×"].error > 1e-3
     assert gliding["order 2, 1 ×"].ns_per_sample > 2 * still["order 2, 1 ×"].ns_per_sample

@@ -108,19 +108,6 @@ def test_a_falling_body_does_not_drift(patch):
         assert energy["error_max"] <= 2e-13
 
 
-@pytest.mark.hard
-def test_single_precision_flies_too():
-    """And its modes move and sound as far from those of double precision as single steps would take them."""
-    exact, coarse = (np.zeros((RATE, 3)) for _ in range(2))
-    Simulation(*set_in_motion(ringing(100, 1.0))).render_block(exact)
-    model, state = set_in_motion(ringing(100, 1.0), precision="float32")
-    simulation = Simulation(model, state)
-    simulation.render_block(coarse)
-    assert state.flight.frame.any() and state.q.dtype == np.float32
-    assert np.abs(exact - coarse)[:, :2].max() <= 1e-4 * np.abs(exact[:, :2]).max()
-    assert simulation.energies().error_max <= 1e-5
-
-
 # --- live = replay = offline
 
 

@@ -56,13 +56,13 @@ def test_effects_are_the_same_on_both(present):
 
 
 @pytest.mark.hard
-@pytest.mark.parametrize("accuracy", [{"order": 4}, SLOW({"substeps": 2}), SLOW({"precision": "float32"})], ids=str)
+@pytest.mark.parametrize("accuracy", [{"order": 4}, SLOW({"substeps": 2})], ids=str)
 def test_accuracy_is_the_same_on_both(patch, accuracy):
     assert_same(*both(patch("barrier_cubic"), 0.1, **accuracy))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("accuracy", [{}, {"order": 4}, {"precision": "float32"}], ids=str)
+@pytest.mark.parametrize("accuracy", [{}, {"order": 4}], ids=str)
 def test_joined_bodies_are_the_same_on_both(accuracy):
     assert_same(*both(engine.Scene.model_validate(struck_choir()), 0.1, **accuracy))
 

@@ -18,6 +18,10 @@ from conftest import ROOT, exit_code
 from engine.cli import main
 
 BALL = str(ROOT / "patches" / "bouncing_ball.toml")
+WHY_DOUBLE = (
+    "everything is rendered in double precision, because single precision was slower at 40, 400 and 4000 modes; "
+    "leave it out"
+)
 GOOD = """[[body]]
 name = "ball"
 kind = "mass"
@@ -390,6 +394,9 @@ def test_a_log_says_all_that_a_replay_needs(option, capsys):
         (["play", BALL, "--log", "a.json"], "fdh play: --log is now called --event-log"),
         (["play", BALL, "--force"], "fdh play: --force is now called --ignore-speed"),
         (["sweep", BALL, "--sample", "9"], "fdh sweep: --sample is now called --random"),
+        ([BALL, "--precision", "float32"], f"fdh render: --precision is gone: {WHY_DOUBLE}"),
+        (["play", BALL, "--precision=float64"], f"fdh play: --precision is gone: {WHY_DOUBLE}"),
+        (["inspect", BALL, "--precision=float32", "--json"], f"fdh inspect: --precision is gone: {WHY_DOUBLE}"),
     ],
 )
 def test_old_options_are_answered_with_the_new_ones(words, what, capsys):

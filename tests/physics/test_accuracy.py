@@ -250,15 +250,8 @@ def test_oversampling_is_closer_too():
     assert fine < plain / 5
 
 
-@pytest.mark.slow  # its kernel is not shipped: compiling takes minutes
-def test_single_precision_is_nearly_the_same_and_drifts():
-    """Half the memory, and an energy that is only nearly kept: never the default."""
-    told = hammer()
-    double, single = (engine.render(told, seconds=0.1, order=4, precision=p) for p in ("float64", "float32"))
-    assert double.stats["energy"]["error_max"] <= 1e-13
-    assert 1e-9 < single.stats["energy"]["error_max"] < 1e-3
-    assert np.abs(single.audio - double.audio).max() < 1e-3 * np.abs(double.audio).max()
-    assert Accuracy().precision == "float64"
+def test_the_energy_of_a_hammer_is_exact_at_order_four():
+    assert engine.render(hammer(), seconds=0.1, order=4).stats["energy"]["error_max"] <= 1e-13
 
 
 def test_the_patch_says_how_exactly_and_an_argument_outweighs_it():
@@ -279,14 +272,3 @@ def test_oversampling_is_right_to_the_last_sample(oversample):
     wanted = np.cos(2 * np.pi * 3000.0 * np.arange(len(audio)) / 44_100)
     assert len(audio) == 2205
     assert np.max(np.abs(audio - wanted)[200:]) <= 1e-9
-
-
-@pytest.mark.slow  # its kernel is not shipped: compiling takes minutes
-def test_single_precision_errs_as_it_says(patch):
-    """A free string, to 1e-4 of its peak over a tenth of a second; in contact, the energy to 1e-2 of the largest."""
-    string = {"name": "body", "kind": "string", "length": 0.65, "mass": 4e-3, "frequency": 196.0, "sigma0": 0.5}
-    pluck = {"kind": "pluck", "body": "body", "at": 0.2, "amplitude": 2.0, "duration": 1e-3}
-    free = scene([string], force=[pluck], pickup=[{"body": "body", "at": 0.3}], seconds=0.1)
-    double, single = (engine.render(free, precision=name).audio for name in ("float64", "float32"))
-    assert np.max(np.abs(single - double)) <= 1e-4 * np.max(np.abs(double))
-    assert engine.render(patch("piano_c4"), seconds=2.0, precision="float32").stats["energy"]["error_max"] <= 1e-2

@@ -154,11 +154,7 @@ def test_contacts_of_shipped_patches_that_are_brief_are_named(patch, name):
 
 
 @pytest.mark.hard_for("snare_wires-{'substeps': 2}", "snare_wires-{'oversample': 2}")
-@pytest.mark.parametrize(
-    "settings",
-    [{}, {"substeps": 2}, {"oversample": 2}, pytest.param({"precision": "float32"}, marks=pytest.mark.slow)],
-    ids=str,
-)  # the kernel of float32 is not shipped: compiling takes minutes
+@pytest.mark.parametrize("settings", [{}, {"substeps": 2}, {"oversample": 2}], ids=str)
 @pytest.mark.parametrize("patch", ["rattle", "snare_wires", "tanpura", "bass_frets"])
 def test_samples_are_the_same_whether_contacts_are_watched_or_not(patch, settings, monkeypatch):
     told = engine.load(patch)

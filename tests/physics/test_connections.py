@@ -433,13 +433,6 @@ def test_a_connection_that_amounts_to_nothing_is_left_out():
     assert without.audio.tobytes() == with_it.audio.tobytes()
 
 
-@pytest.mark.slow
-def test_single_precision_is_near():
-    scene = engine.Scene.model_validate(choir(2, force=[{**PLUCK[0], "body": "string_0"}]))
-    double, single = (engine.render(scene, 0.1, precision=p).audio for p in ("float64", "float32"))
-    assert np.abs(double - single).max() <= 1e-3 * np.abs(double).max()
-
-
 @pytest.mark.parametrize("size", [1, 7, 64, 1000])
 def test_blocks_of_any_size_give_the_same(size):
     from engine.offline.simulation import Simulation

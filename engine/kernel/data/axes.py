@@ -1,5 +1,5 @@
 """Axes of arrays: their items are modes, contacts, islands, … The axis is declared once, in the type of the field that
-holds the array. Views of an island, alignment, precision, allocation and copies are derived from it."""
+holds the array. Views of an island, alignment, allocation and copies are derived from it."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -39,7 +39,6 @@ SEGMENTED = (
     *(Axis.CONNECTION, Axis.CONNECTION_PAIR, Axis.CONNECTION_CONTACT, Axis.CONNECTION_PART),
     *(Axis.PAIR_ON_BODY, Axis.FORCE, Axis.EVENT, Axis.PICKUP, Axis.BODY, Axis.FREE_MASS),
 )
-MODAL = (Axis.MODE, Axis.SHAPE)  # these may be of single precision
 
 
 @dataclass(frozen=True)
@@ -52,14 +51,11 @@ class Items:
     extra: int = 0  # items beyond those of the axis: 1 where each item has a begin, and the next is its end
     neutral: float = 0.0  # of an item that does nothing
     is_shape: bool = False  # of modes at a point: 0 for a mode that does not act there
-    is_double: bool = False  # of double precision, also where modes are of single precision
 
 
 PerMode = Annotated[np.ndarray, Items(Axis.MODE)]
 PerModeFactor = Annotated[np.ndarray, Items(Axis.MODE, neutral=1.0)]
 PerModeShape = Annotated[np.ndarray, Items(Axis.MODE, is_shape=True)]
-PerDoubleMode = Annotated[np.ndarray, Items(Axis.MODE, is_double=True)]
-PerDoubleModeFactor = Annotated[np.ndarray, Items(Axis.MODE, neutral=1.0, is_double=True)]
 PerContact = Annotated[np.ndarray, Items(Axis.CONTACT)]
 PerContactInt = Annotated[np.ndarray, Items(Axis.CONTACT, np.int64)]
 PerCompliance = Annotated[np.ndarray, Items(Axis.COMPLIANCE)]

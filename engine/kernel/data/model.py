@@ -23,8 +23,6 @@ from engine.kernel.data.axes import (
     PerConnectionPair,
     PerConnectionPartInt,
     PerContact,
-    PerDoubleMode,
-    PerDoubleModeFactor,
     PerDriveInt,
     PerEvent,
     PerEventInt,
@@ -197,7 +195,7 @@ class Tension(NamedTuple):
 
     mode_begin: Annotated[np.ndarray, Items(Axis.BODY, np.int64)]  # its modes; none of a body that does not stretch
     mode_end: Annotated[np.ndarray, Items(Axis.BODY, np.int64)]
-    kappa: PerDoubleMode  # κ: the stretch is Σ κ·q², in m of strings, in m² of sheets
+    kappa: PerMode  # κ: the stretch is Σ κ·q², in m of strings, in m² of sheets
     ends: Annotated[np.ndarray, Items(Axis.BODY, np.int64, len(MovingEnd), neutral=-1)]
     factor: Annotated[np.ndarray, Items(Axis.BODY, columns=len(StretchFactor))]
     softening: Softening
@@ -279,38 +277,38 @@ class Refinement(NamedTuple):
 class FreeMotion(NamedTuple):
     """Motion of modes on which nothing acts, over several samples: q ← qq·q + qp·p, p ← pq·q + pp·p."""
 
-    qq: PerDoubleModeFactor
-    qp: PerDoubleMode  # s
-    pq: PerDoubleMode  # 1/s
-    pp: PerDoubleModeFactor
+    qq: PerModeFactor
+    qp: PerMode  # s
+    pq: PerMode  # 1/s
+    pp: PerModeFactor
 
 
 class FreeMotionResidue(NamedTuple):
     """Parts that rounding cut from a FreeMotion."""
 
-    qq: PerDoubleMode
-    qp: PerDoubleMode
-    pq: PerDoubleMode
-    pp: PerDoubleMode
+    qq: PerMode
+    qp: PerMode
+    pq: PerMode
+    pp: PerMode
 
 
 class FlightLoss(NamedTuple):
     """Energy lost over a flight that begins with q and p: qq·q² + qp·q·p + pp·p², J."""
 
-    qq: PerDoubleMode
-    qp: PerDoubleMode
-    pp: PerDoubleMode
+    qq: PerMode
+    qp: PerMode
+    pp: PerMode
 
 
 class FlightWeight(NamedTuple):
     """Effect of weight over a flight."""
 
-    q: PerDoubleMode  # √kg·m, added to the displacement
-    p: PerDoubleMode  # √kg·m/s, added to the momentum
-    p_low: PerDoubleMode  # what rounding cut from it
-    lost_per_q: PerDoubleMode  # energy lost, beside FlightLoss
-    lost_per_p: PerDoubleMode
-    lost: PerDoubleMode  # J
+    q: PerMode  # √kg·m, added to the displacement
+    p: PerMode  # √kg·m/s, added to the momentum
+    p_low: PerMode  # what rounding cut from it
+    lost_per_q: PerMode  # energy lost, beside FlightLoss
+    lost_per_p: PerMode
+    lost: PerMode  # J
     pickup_values: Annotated[np.ndarray, Items(Axis.PICKUP, columns=FLIGHT_FRAMES)]  # what pickups give in each sample
 
 
@@ -326,7 +324,7 @@ class FreeFlight(NamedTuple):
     weight: FlightWeight | None
     # what a mode gives at a pickup in each of FLIGHT_PART samples, per displacement and then per momentum at the first;
     # counted as Pickups.rows.phi
-    pickup_tables: Annotated[np.ndarray, Items(Axis.SHAPE, columns=2 * FLIGHT_PART, is_double=True)]
+    pickup_tables: Annotated[np.ndarray, Items(Axis.SHAPE, columns=2 * FLIGHT_PART)]
 
 
 class Events(NamedTuple):

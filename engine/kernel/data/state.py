@@ -14,7 +14,6 @@ from engine.kernel.data.axes import (
     PerConnectionPart,
     PerContact,
     PerContactInt,
-    PerDoubleMode,
     PerEvent,
     PerForce,
     PerIsland,
@@ -106,10 +105,10 @@ class TensionState(NamedTuple):
 
     body: Annotated[np.ndarray, Items(Axis.BODY, columns=len(Stretch))]
     is_active: PerIslandInt  # 0 while the bodies of the island are taken for linear
-    push_per_rise: PerDoubleMode  # memory: of the tension of a step, √kg·m/s per N
-    softness: PerDoubleMode  # memory, 1/N
-    momentum: PerDoubleMode  # √kg·m/s: of the drift by neither contacts nor tension
-    push: PerDoubleMode  # √kg·m/s: what external forces give in half a kick
+    push_per_rise: PerMode  # memory: of the tension of a step, √kg·m/s per N
+    softness: PerMode  # memory, 1/N
+    momentum: PerMode  # √kg·m/s: of the drift by neither contacts nor tension
+    push: PerMode  # √kg·m/s: what external forces give in half a kick
     compliance: PerContact  # B_kk of stretched bodies, m/N
     compliance_low: PerContact
     coupling: PerCompliance  # B, m/N
@@ -180,8 +179,8 @@ class State(NamedTuple):
     q: PerMode  # √kg·m, displacement
     p: PerMode  # √kg·m/s, momentum
     kick_compensation: PerMode  # rounding carried from kick to kick, of weights (Kahan)
-    push: PerDoubleMode  # √kg·m/s: what forces give each mode in half a kick; 0 between steps
-    drift_momentum: PerDoubleMode  # √kg·m/s: of the coming drift, by all but the forces of its step
+    push: PerMode  # √kg·m/s: what forces give each mode in half a kick; 0 between steps
+    drift_momentum: PerMode  # √kg·m/s: of the coming drift, by all but the forces of its step
     drift_loss: PerIsland  # J: what modes lose before the coming drift
     drift_kind: PerIslandInt  # StepKind of the step that both are known for
     displacement_bound: PerMode  # √kg·m: memory to bound how far each mode can move

@@ -1,8 +1,7 @@
 """Machine code of kernels for any machine that LLVM knows, as an object file that needs nothing from outside.
 
 Numba makes LLVM's intermediate code, which is taken before anything in it is fitted to the machine that compiles. It is
-then optimised and translated for the target. Numba's own way of loading asks for the large code model, in which each
-constant and each call is reached by an address of 64 bits: a violin takes 1.7 times as long in it.
+then optimised and translated for the target.
 """
 
 import importlib

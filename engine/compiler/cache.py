@@ -38,7 +38,8 @@ def kernel_sources() -> list[Path]:
     """Return the files of this package that hold compiled code, or define the layout of its arguments."""
     package = Path(__file__).parents[1]
     files = [(path, path.relative_to(package).parts[0]) for path in sorted(package.rglob("*.py"))]
-    return [path for path, room in files if room == COMPILED or any(m in path.read_text("utf-8") for m in MARKS)]
+    compiled = [path for path, room in files if room == COMPILED or any(m in path.read_text("utf-8") for m in MARKS)]
+    return [*compiled, *sorted(package.rglob("*.ll"))]
 
 
 @lru_cache

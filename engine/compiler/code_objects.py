@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 HELPERS = "numba_", "NRT_", "_NRT"  # of Numba, for what kernels never do: to raise, or to ask for memory
 
 # what instructions may become that a processor does not have
-C_FUNCTIONS = "fma", "floor", "ceil", "trunc", "nearbyint"
+C_FUNCTIONS = "memcpy", "memmove", "memset", "pow", "exp", "log", "sin", "cos", "expm1", "log1p", "fma"
 
 
 class Code(NamedTuple):

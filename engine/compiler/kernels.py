@@ -68,7 +68,7 @@ class Kernel:
 
         content = compile_kernel(self.module, self.function, kinds)
         cache.write_kernel(self.module, self.function, kinds, content)
-        code = _load_content(content, self.function)
+        code = _load_content(content)
         if code is None:
             raise RuntimeError(f"{name} was compiled, but its machine code cannot be loaded")
         return code
@@ -79,10 +79,10 @@ def load_stored(module: str, function: str, kinds: tuple[Kind, ...]) -> Code | N
     if archive_trial.tried_archive() is not None:
         return None
     content = cache.read_kernel(module, function, kinds)
-    return None if content is None else _load_content(content, function)
+    return None if content is None else _load_content(content)
 
 
-def _load_content(kept: bytes, function: str) -> Code | None:
-    """Return the code of a kernel from the bytes of a Content; None if it cannot be loaded."""
+def _load_content(kept: bytes) -> Code | None:
+    """Return the code of a kernel from the bytes of a Content that has nothing else; None if it cannot be loaded."""
     content = read_content(kept)
-    return None if content is None else load_code(content).get(function)
+    return None if content is None else next(iter(load_code(content).values()), None)

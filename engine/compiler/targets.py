@@ -3,7 +3,7 @@ and a library in C is for one of them."""
 
 import platform
 import sys
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 X86_64, ARM64 = ("x86_64", "amd64"), ("aarch64", "arm64")
 V3 = "avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe"
@@ -67,12 +67,3 @@ def fitting_targets() -> list[Target]:
 
     features = llvm.get_host_cpu_features()
     return [target for target in TARGETS if is_of_family(target) and all(map(features.get, target.needed))]
-
-
-def host_target() -> Target:
-    """Return this machine as a target, with all that its processor has."""
-    import llvmlite.binding as llvm
-
-    triple, processor = llvm.get_process_triple(), llvm.get_host_cpu_name()
-    features: Any = llvm.get_host_cpu_features().flatten()
-    return Target("host", triple, processor, sys.platform, (platform.machine().lower(),), features=features)

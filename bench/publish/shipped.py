@@ -12,7 +12,6 @@ import pickle
 import subprocess
 import sys
 import tempfile
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from engine.assembly.general import generalise
 from engine.compiler import archive_trial, cache
 from engine.compiler.kernel_name import KernelName
 from engine.compiler.kinds import Kind
-from engine.compiler.shipped import ABOUT, FOLDER, SAMPLES, archive, kernel_key, sources_of
+from engine.compiler.shipped import ABOUT, FOLDER, SAMPLES, archive, kernel_key, sources_of, write_members
 from engine.compiler.targets import TARGETS, WASM, Target, fitting_targets, target_named
 from engine.export.player_bytes import INSERT, PLAY, RENDER
 from engine.export.wasm_kernels import GENERAL, REFINED
@@ -34,7 +33,6 @@ from engine.runtime.helpers import HELP_CREW, HELP_CREW_KINDS
 from engine.runtime.job_memory import RENDER_JOB, RENDER_JOB_KINDS, RENDER_USE
 from engine.runtime.kernel_choice import Prepared, kinds_of
 
-EPOCH = (1980, 1, 1, 0, 0, 0)  # of all members, so that the same sources make the same archive
 SIMPLE = {
     "body": [{"name": "a", "kind": "oscillator", "mass": 1.0, "frequency": 100.0, "displacement": 1.0}],
     "contact": [{"body": "a", "barrier": 0.0, "stiffness": 1e6, "exponent": 1.0}],
@@ -139,9 +137,7 @@ def write_archive(target: Target, folder: Path, digest: str, samples: str) -> No
             about["kernels"] |= {kernel_key(*request): [file, name] for name, request in requests(part).items()}
     members = {file: (folder / f"{target.name}-{part}.bin").read_bytes() for file, part in files.items()}
     FOLDER.mkdir(exist_ok=True)
-    with zipfile.ZipFile(archive(target), "w") as written:
-        for name, content in {ABOUT: json.dumps(about, indent=1).encode(), **members}.items():
-            written.writestr(zipfile.ZipInfo(name, EPOCH), content, zipfile.ZIP_LZMA)
+    write_members(archive(target), {ABOUT: json.dumps(about, indent=1).encode(), **members})
 
 
 def _digest_samples() -> str:

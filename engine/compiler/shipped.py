@@ -1,16 +1,18 @@
 """Machine code that comes with the engine: the general kernels, so that the very first start need not compile.
 `python -m bench shipped` makes it from the sources.
 
-An archive for each kind of machine holds object files as a linker takes them, and says which sources they were made
-from: with others they are not used. The first use on a machine is a trial in another process
-(engine.compiler.archive_trial).
+An archive for each kind of machine holds object files as a linker takes them, and says first which sources they were
+made from: with others they are not used. They are compressed together, for they are much alike. The first use on a
+machine is a trial in another process (engine.compiler.archive_trial).
 """
 
 import hashlib
+import io
 import json
 import platform
 import sys
-import zipfile
+import tarfile
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -24,12 +26,12 @@ from engine.compiler.tricks import switched_off
 FOLDER = Path(__file__).parents[1] / "shipped"
 ABOUT = "about.json"
 SAMPLES = "samples"  # what an archive says of the digest of the trial's samples
-UNREADABLE = OSError, KeyError, ValueError, NotImplementedError, RuntimeError, zipfile.BadZipFile  # no LZMA here, too
+UNREADABLE = OSError, EOFError, KeyError, ValueError, tarfile.TarError  # the last also where Python has no LZMA
 
 
 def archive(target: Target) -> Path:
     """Return the file of a target."""
-    return FOLDER / f"{target.name}.zip"
+    return FOLDER / f"{target.name}.tar.xz"
 
 
 def kernel_key(module: str, function: str, kinds: tuple[Kind, ...]) -> str:
@@ -58,17 +60,32 @@ def _load_part(path: Path, part: str) -> dict[str, Code]:
 def read_part(path: Path, part: str) -> Content:
     """Return an object file of an archive. Raises one of UNREADABLE."""
     about = read_about(path)["parts"][part]
-    with zipfile.ZipFile(path) as file:
-        return Content(about["functions"], about["needed"], file.read(part))
+    return Content(about["functions"], about["needed"], read_member(path, part))
+
+
+def read_member(path: Path, name: str) -> bytes:
+    """Return a file of an archive. Raises one of UNREADABLE."""
+    with tarfile.open(path, "r:xz") as archived:
+        for member in archived:  # in their order: what is not wanted after it is not unpacked
+            if member.name == name and (file := archived.extractfile(member)) is not None:
+                return file.read()
+    raise KeyError(name)
+
+
+def write_members(path: Path, members: Mapping[str, bytes]) -> None:
+    """Write an archive: the same bytes for the same files."""
+    with tarfile.open(path, "w:xz", preset=9, format=tarfile.USTAR_FORMAT) as archived:
+        for name, content in members.items():
+            member = tarfile.TarInfo(name)
+            member.size = len(content)
+            archived.addfile(member, io.BytesIO(content))
 
 
 @lru_cache
 def read_about(path: Path) -> dict[str, Any]:
     """Return what an archive says of itself; nothing if it cannot be read."""
     try:
-        with zipfile.ZipFile(path) as file:
-            about = json.loads(file.read(ABOUT))
-        return dict(about)
+        return dict(json.loads(read_member(path, ABOUT)))
     except UNREADABLE:
         return {}
 

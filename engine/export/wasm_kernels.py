@@ -7,20 +7,19 @@ which takes a minute; they are half as large and fast.
 import json
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 from engine.compiler import cache
 from engine.compiler.kinds import as_kind
 from engine.compiler.machine_code import neutral_code, object_code
-from engine.compiler.shipped import FOLDER, sources_of
+from engine.compiler.shipped import archive, read_member, sources_of
 from engine.compiler.targets import WASM
 from engine.compiler.wasm_module import with_exports
 from engine.export.faults import CannotExport
 from engine.export.player_bytes import Requests
 from engine.live.player import Player
 
-ARCHIVE = FOLDER / "wasm32.zip"
+ARCHIVE = archive(WASM)
 GENERAL, REFINED = "general.wasm", "refined.wasm"  # its modules: of scenes with one step a sample, and with stages
 
 
@@ -55,8 +54,7 @@ def read_module(name: str, path: Path = ARCHIVE) -> bytes:
             "the kernel for browsers that came with the engine is not of these sources; give --kernel special, or make"
             " it with: python -m bench shipped"
         )
-    with zipfile.ZipFile(path) as archive:
-        return archive.read(name)
+    return read_member(path, name)
 
 
 if __name__ == "__main__":

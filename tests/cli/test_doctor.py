@@ -144,14 +144,14 @@ def test_the_origin_of_a_kernel_is_where_it_would_be_loaded_from(kept, shipped_c
 def test_why_no_archive_fits_is_said(monkeypatch):
     best = shipped.archive(target_named("linux-x86-64-v3"))
     monkeypatch.setattr(shipped, "fitting_archive", lambda: best)
-    assert shipped.explain_choice() == "linux-x86-64-v3.zip"
+    assert shipped.explain_choice() == "linux-x86-64-v3.tar.xz"
     monkeypatch.setattr(shipped, "fitting_archive", lambda: None)
     monkeypatch.setattr(shipped, "fitting_targets", lambda: [target_named("linux-x86-64-v3")])
     monkeypatch.setattr(shipped, "sources_of", lambda _: "other sources")
     assert shipped.explain_choice() == "the shipped archives were made from other sources"
     monkeypatch.setattr(shipped, "sources_of", lambda _: cache.source_digest())
     monkeypatch.setattr(shipped, "result_of_trial", lambda _: "no sound within 10 s")
-    assert shipped.explain_choice() == "linux-x86-64-v3.zip failed its trial on this machine: no sound within 10 s"
+    assert shipped.explain_choice() == "linux-x86-64-v3.tar.xz failed its trial on this machine: no sound within 10 s"
     monkeypatch.setattr(shipped, "fitting_targets", list)
     monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.setattr(platform, "machine", lambda: "riscv64")

@@ -106,12 +106,12 @@ def test_each_system_has_its_own(fresh_choice, monkeypatch, system, machine, bes
     assert next((target.name for target in fitting_targets()), None) == best
 
 
-@pytest.mark.parametrize("kind", ["other sources", "damaged", "gone", "no zip"])
+@pytest.mark.parametrize("kind", ["other sources", "damaged", "gone", "no archive"])
 def test_what_does_not_fit_is_not_used(tmp_path, fresh_choice, monkeypatch, kind):
     for target in TARGETS:
         content = archive(target).read_bytes()
         path = tmp_path / archive(target).name
-        path.write_bytes({"damaged": content[: len(content) // 2], "no zip": b"none"}.get(kind, content))
+        path.write_bytes({"damaged": content[: len(content) // 2], "no archive": b"none"}.get(kind, content))
         if kind == "gone":
             path.unlink()
     monkeypatch.setattr(shipped, "FOLDER", tmp_path)

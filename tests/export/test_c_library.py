@@ -12,6 +12,7 @@ import soundfile
 
 import engine
 from engine.cli.main import main
+from engine.compiler.targets import fitting_targets, target_named
 from engine.export.c_library import export_c
 from engine.export.faults import CannotExport
 from engine.export.scene_bytes import SceneBytes
@@ -24,6 +25,8 @@ from tests.export.tuned_scene import STOPPED_STRING, tuned_as_it_sounds
 
 COMPILER = shutil.which("gcc")
 ARM_COMPILER, EMULATOR = shutil.which("aarch64-linux-gnu-gcc"), shutil.which("qemu-aarch64")
+WINDOWS_COMPILER = shutil.which("x86_64-w64-mingw32-gcc")
+WINE = next(filter(None, map(shutil.which, ("wine64", "/usr/lib/wine/wine64", "wine"))), None)
 DRIVER, ROOT = Path(__file__).with_name("driver.c"), Path(__file__).parents[2]
 SECONDS = 0.2
 PATCHES = ["repelled_oscillator", "piano_c4"]
@@ -226,6 +229,21 @@ def test_another_processor_computes_the_same_samples(name, tmp_path):
     scene = engine.load(name)
     arm = Library(scene, tmp_path, [ARM_COMPILER, "-static"], [EMULATOR], target="aarch64-linux")
     audio, error = arm.example()
+    np.testing.assert_array_equal(audio, engine.render(scene, seconds=SECONDS, cores=1).audio)
+    assert error < 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(None in (WINDOWS_COMPILER, WINE), reason="Debian: gcc-mingw-w64-x86-64-posix, wine64")
+@pytest.mark.parametrize("target", ["windows-x86-64-v3", "windows-x86-64-v4"])
+@pytest.mark.parametrize("name", PATCHES)
+def test_windows_computes_the_same_samples(name, target, tmp_path):
+    """In Wine, with the C library of Windows."""
+    if not set(target_named(target).needed) <= {feature for one in fitting_targets() for feature in one.needed}:
+        pytest.skip("another processor")
+    scene = engine.load(name)
+    windows = Library(scene, tmp_path, [WINDOWS_COMPILER, "-static", "-Wno-format"], [WINE], target=target)
+    audio, error = windows.example()
     np.testing.assert_array_equal(audio, engine.render(scene, seconds=SECONDS, cores=1).audio)
     assert error < 1e-12
 

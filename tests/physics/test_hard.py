@@ -341,8 +341,8 @@ def test_decay_into_subnormal_numbers(alpha):
     mostly_hard([(1e10, 1.0, 0.0), (1e12, 1.0, 0.0), (1e9, 1.5, 0.0), (1e9, 1.5, 0.5)]),
 )
 def test_unfinished_solves_are_passive(stiffness, exponent, loss):
-    """Four rounds are too few for a bridge of thirty points: the ledger closes all the same, and it is counted."""
-    scene = tanpuras(1, 30, exponent, stiffness)
+    """Four rounds are too few for a bridge of a hundred points: the ledger closes all the same, and it is counted."""
+    scene = tanpuras(1, 100, exponent, stiffness)
     contact = scene.contact[0].model_copy(update={"loss": loss})
     rendering = engine.render(scene.model_copy(update={"contact": [contact]}), seconds=0.4, iterations=4)
     assert np.isfinite(rendering.audio).all()
@@ -362,10 +362,10 @@ def bands(audio: np.ndarray) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [1e10, 1e11, 1e12, 1e13])
 def test_a_bounded_worst_case_sounds_the_same(stiffness):
-    """At most four rounds on a bridge of thirty points, α = 1: energy to 1e-11, and third-octave bands within 0.5 dB of
+    """At most four rounds on a bridge of a hundred points, α = 1: energy to 1e-11, and third-octave bands within 0.5 dB of
     solves that all converged. The motion is chaotic, and a band of single runs differs by 2.5 dB: so the mean over 160
     runs, plucked alike to 1e-6."""
-    base = tanpuras(1, 30, 1.0, 30 * stiffness)
+    base = tanpuras(1, 100, 1.0, 100 * stiffness)
     rng = np.random.default_rng(8)
     means = []
     for iterations in (4, 1000):

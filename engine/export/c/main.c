@@ -7,6 +7,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#ifdef _WIN32
+#include <fcntl.h>
+#include <io.h>
+#endif
 
 #include "fdh.h"
 #include "fdh_patch.h"
@@ -39,6 +43,9 @@ int main(int count, char **words) {
     double *audio = malloc(sizeof(double) * (size + 1));
     fdh *patch = fdh_create();
     if (patch == NULL || audio == NULL) return fail("there is not enough memory");
+#ifdef _WIN32
+    _setmode(_fileno(stdout), _O_BINARY); /* or two bytes would be written for each that is 10 */
+#endif
     if (is_struck && FDH_KEYS) {
         fdh_skip_score(patch);
         fdh_note_on(patch, FDH_MIDDLE_KEY, 90);

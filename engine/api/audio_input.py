@@ -11,7 +11,7 @@ from engine.patch.scene import Scene, scene_of_document
 from engine.patch.tables import PulseForce
 
 if TYPE_CHECKING:
-    from engine.api.player import Player
+    from engine.live.player import Player
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 from engine.compiler import cache, cache_files
 
@@ -50,11 +51,10 @@ def _can_start_python() -> bool:
 def _try(path: Path, samples: str) -> str:
     """Return PASSED, or why an archive failed."""
     environment = os.environ | {TRIED: str(path), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    command = [sys.executable, "-m", SCENES]
+    settings: dict[str, Any] = {"creationflags": getattr(subprocess, "CREATE_NO_WINDOW", 0)}  # a word of Windows
+    settings |= {"env": environment, "stdin": subprocess.DEVNULL, "capture_output": True, "timeout": SECONDS}
     try:
-        ran = subprocess.run(
-            command, env=environment, stdin=subprocess.DEVNULL, capture_output=True, timeout=SECONDS, check=False
-        )
+        ran = subprocess.run([sys.executable, "-m", SCENES], check=False, **settings)
     except subprocess.TimeoutExpired:
         return f"no sound within {SECONDS:g} s"
     except OSError as error:

@@ -116,7 +116,7 @@ def _built_of(player: RowRecorder, kernel: KernelName) -> tuple[Model, State]:
     """Return the model and the state of a player. Live sound has no time for as many steps of a sample as some patches
     allow: a library has."""
     if player.waiting or player.patch.accuracy == player.scene.accuracy:
-        return player.model, player.state
+        return player.memory.model_handles[0].value, player.memory.state_handle.value
     built = build(player.patch, player.samplerate, event_capacity=event_capacity(player.patch, False))
     return generalise(built.model, built.state) if kernel is KernelName.GENERAL else (built.model, built.state)
 

@@ -100,7 +100,8 @@ def test_code_that_is_damaged_harms_nothing(empty_cache, tmp_path, capfd):
     lief, members = pytest.importorskip("lief"), {shipped.ABOUT: shipped.read_member(path, shipped.ABOUT)}
     for name in shipped.read_about(path)["parts"]:
         content = bytearray(shipped.read_member(path, name))
-        text = next(s for s in lief.ELF.parse(list(content)).sections if s.name == ".text")
+        read = lief.ELF.parse(bytes(content))  # its sections live with it
+        text = next(section for section in read.sections if section.name == ".text")
         content[text.offset : text.offset + text.size] = b"\xcc" * text.size
         members[name] = bytes(content)
     shipped.write_members(damaged, members)

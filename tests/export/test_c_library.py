@@ -38,9 +38,9 @@ needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no gcc")
 class Library:
     """A patch in C, compiled once: its example, and a program that plays it by a script."""
 
-    def __init__(self, scene, folder, compiler=(COMPILER,), runner=(), **options):
+    def __init__(self, scene, folder, compiler=(COMPILER,), runner=(), suffix="", **options):
         skip_if_stale()
-        self.scene, self.folder, self.runner = scene, folder, runner
+        self.scene, self.folder, self.runner, self.suffix = scene, folder, runner, suffix
         export_c(scene, folder, seconds=SECONDS, **options)
         flags = ["-O2", "-std=gnu99", "-Wall", "-Wextra", "-Werror", f"-I{folder}"]
         for main_file in (folder / "main.c", DRIVER):
@@ -49,13 +49,13 @@ class Library:
 
     def example(self, *words):
         """Return what the example writes, [frames, channels], and the energy error it says."""
-        ran = subprocess.run([*self.runner, self.folder / "main", *words], check=True, capture_output=True)
+        ran = subprocess.run([*self.runner, self.folder / f"main{self.suffix}", *words], check=True, capture_output=True)
         return np.frombuffer(ran.stdout).reshape(-1, self.scene.channels), float(ran.stderr.split()[-1])
 
     def play(self, *lines):
         """Return what instances play by lines of the driver, [frames, channels], and what each call returned."""
         script = "\n".join(" ".join([*line.split(), "0", "0"][:4]) for line in lines)
-        program = [*self.runner, self.folder / "driver"]
+        program = [*self.runner, self.folder / f"driver{self.suffix}"]
         ran = subprocess.run(program, input=script.encode(), check=True, capture_output=True)
         return np.frombuffer(ran.stdout).reshape(-1, self.scene.channels), [int(word) for word in ran.stderr.split()]
 
@@ -242,7 +242,7 @@ def test_windows_computes_the_same_samples(name, target, tmp_path):
     if not set(target_named(target).needed) <= {feature for one in fitting_targets() for feature in one.needed}:
         pytest.skip("another processor")
     scene = engine.load(name)
-    windows = Library(scene, tmp_path, [WINDOWS_COMPILER, "-static", "-Wno-format"], [WINE], target=target)
+    windows = Library(scene, tmp_path, [WINDOWS_COMPILER, "-static", "-Wno-format"], [WINE], ".exe", target=target)
     audio, error = windows.example()
     np.testing.assert_array_equal(audio, engine.render(scene, seconds=SECONDS, cores=1).audio)
     assert error < 1e-12

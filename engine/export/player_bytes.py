@@ -12,6 +12,7 @@ from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
 from engine.live.audio_memory import AudioMemory
 from engine.live.kernels import KINDS, PLAY_INTO
+from engine.live.shared_memory import Slot
 from engine.runtime.exchange import INSERT_USE
 from engine.runtime.job_memory import RENDER_USE
 from engine.runtime.jobs import Job
@@ -57,6 +58,7 @@ def lay_out_player(
     laid_out.set_address(laid_out.place_in(MEMORY, "job"), "job")
     laid_out.set_address(laid_out.place_in(MEMORY, "state"), STATE)
     laid_out.set_number(laid_out.place_in(MEMORY, "insert_event"), INSERT_EVENT)
+    laid_out.set_number(_number(laid_out, shared.counters, Slot.CLOCK), 0)  # PortAudio calls nothing there
     for n, name in enumerate(models):
         laid_out.set_address(_number(laid_out, shared.models, n), name)
     return laid_out

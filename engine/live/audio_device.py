@@ -77,9 +77,7 @@ def open_stream(
     frames: of a block; 0 leaves it to the driver
     Raises DeviceError.
     """
-    from engine.compiler.clock import clock_address
     from engine.live import kernels
-    from engine.live.shared_memory import Slot
 
     sounddevice = load_sounddevice()
     number, name, channels, rate = find_output(device)
@@ -97,7 +95,7 @@ def open_stream(
     try:
         if not compiled:
             return sounddevice.OutputStream(callback=_python_callback(player, sounddevice), **options)
-        ffi, player.counters[Slot.CLOCK] = sounddevice._ffi, clock_address()
+        ffi = sounddevice._ffi
         address = ffi.cast("PaStreamCallback *", kernels.portaudio_callback())
         stream = sounddevice._StreamBase(
             kind="output", callback=address, userdata=ffi.cast("void *", player.memory.address), **options

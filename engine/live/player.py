@@ -25,6 +25,7 @@ from engine.assembly.event_table import EventRow
 from engine.assembly.table_changes import NewValue, TableChanges
 from engine.assembly.table_digest import digest_tables
 from engine.bodies import Mass
+from engine.compiler.clock import clock_address
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import UNUSED_SLOT, EventKind, Sleep
 from engine.kernel.data.laws import Power
@@ -108,6 +109,7 @@ class Player:
         self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain, chosen.kernel, self.queue_size)
         shared = self.memory.shared
         self.counters, self.gauges = shared.counters, shared.gauges
+        self.counters[Slot.CLOCK] = clock_address()
         if scene.tremolo is not None:
             tremolo = [Gauge.TREMOLO_DEPTH, Gauge.TREMOLO_TURNS, Gauge.TREMOLO_SPREAD]
             self.gauges[tremolo] = scene.tremolo.depth, scene.tremolo.rate / samplerate, scene.tremolo.spread

@@ -63,7 +63,7 @@ def test_code_that_cannot_be_loaded_heals(base, kind):
     changed = {
         "no header": (b"[]", code),
         "no object": (header, b""),
-        "another symbol": (json.dumps(about | {"symbol": "none"}).encode(), code),
+        "another symbol": (json.dumps(about | {"functions": ["none"]}).encode(), code),
         "needs what is not there": (json.dumps(about | {"needed": ["no_such_function"]}).encode(), code),
     }
     only(base).write_bytes(sealed(b"\n".join([key, *changed[kind]])))

@@ -49,7 +49,9 @@ class Library:
 
     def example(self, *words):
         """Return what the example writes, [frames, channels], and the energy error it says."""
-        ran = subprocess.run([*self.runner, self.folder / f"main{self.suffix}", *words], check=True, capture_output=True)
+        ran = subprocess.run(
+            [*self.runner, self.folder / f"main{self.suffix}", *words], check=True, capture_output=True
+        )
         return np.frombuffer(ran.stdout).reshape(-1, self.scene.channels), float(ran.stderr.split()[-1])
 
     def play(self, *lines):

@@ -362,9 +362,9 @@ def bands(audio: np.ndarray) -> np.ndarray:
 @pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [1e10, 1e11, 1e12, 1e13])
 def test_a_bounded_worst_case_sounds_the_same(stiffness):
-    """At most four rounds on a bridge of a hundred points, α = 1: energy to 1e-11, and third-octave bands within 0.5 dB of
-    solves that all converged. The motion is chaotic, and a band of single runs differs by 2.5 dB: so the mean over 160
-    runs, plucked alike to 1e-6."""
+    """At most four rounds on a bridge of a hundred points, α = 1: energy to 1e-11, and third-octave bands within 0.5 dB
+    of solves that all converged. The motion is chaotic, and a band of single runs differs by 2.5 dB: so the mean over
+    160 runs, plucked alike to 1e-6."""
     base = tanpuras(1, 100, 1.0, 100 * stiffness)
     rng = np.random.default_rng(8)
     means = []

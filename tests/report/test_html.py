@@ -146,7 +146,7 @@ def test_the_price_of_accuracy_is_in_the_page(pages):
     price = told["priced"]["price"]
     for row in price["rows"]:
         assert shown[row["setting"]] == f"{row['error']:.1e}"
-    assert "RK4, 16 ×" in shown and price["verdict"][1:] in read.text["p"]
+    assert len(price["rows"]) > 3 and price["verdict"][1:] in read.text["p"]
     assert soundfile.info(folder / "priced.wav").frames == 882
     assert all("price" not in told[name] for name in ("ball", "stereo", "silent"))
 

@@ -24,9 +24,7 @@ KERNEL = ".nbc"
 PART_SUFFIX = ".tmp"  # a file that is being written
 ABANDONED = 3600.0  # s, after which a file that is being written belongs to a process that has died
 FOLDER = re.compile("[0-9a-f]{16}(-[0-9a-f]{8})?")  # sources, processor
-OURS = re.compile(
-    rf"\.(nbc|nbi|trial)(\.tmp\.\w+)?$|{re.escape(PART_SUFFIX)}$"
-)  # .nbi: earlier versions of this engine
+OURS = re.compile(rf"\.(nbc|nbi|trial)(\.tmp\.\w+)?$|{re.escape(PART_SUFFIX)}$")  # .nbi: of earlier versions
 DIGEST = hashlib.sha256().digest_size
 OPEN = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 

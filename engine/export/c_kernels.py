@@ -22,7 +22,7 @@ class LinkedKernels:
     def __init__(self, target: Target, name: KernelName) -> None:
         self.target, self.name = target, name
         self._requests: dict[str, Request] = {}  # by the function in C
-        self._parts: dict[str, str] = {}  # of the archive
+        self._parts = list[str]()  # of the archive
 
     @property
     def entries(self) -> list[str]:
@@ -35,15 +35,12 @@ class LinkedKernels:
         for entry, known in self._requests.items():
             if known == request:
                 return entry
-        entry = f"fdh_{request[1]}" if self.name is KernelName.GENERAL else f"fdh_{request[1]}_{part}"
-        if self.name is KernelName.GENERAL:
-            archive_part, entry = self._shipped(request)
-            self._parts[archive_part] = entry
+        entry = self._shipped(request) if self.name is KernelName.GENERAL else f"fdh_{request[1]}_{part}"
         self._requests[entry] = request
         return entry
 
-    def _shipped(self, request: Request) -> tuple[str, str]:
-        """Return the object file and the function of a kernel that comes with the engine."""
+    def _shipped(self, request: Request) -> str:
+        """Return the function of a kernel that comes with the engine, and note its object file."""
         path = shipped.archive(self.target)
         about = shipped.read_about(path)
         if about.get("sources") != cache.source_digest() or shipped.kernel_key(*request) not in about["kernels"]:
@@ -52,7 +49,8 @@ class LinkedKernels:
                 " special, or make them with: python -m bench shipped"
             )
         part, entry = about["kernels"][shipped.kernel_key(*request)]
-        return part, entry
+        self._parts += [part] if part not in self._parts else []
+        return str(entry)
 
     def objects(self) -> dict[str, bytes]:
         """Return the object files by name. Special kernels take half a minute to compile. Raises CannotExport if the

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from bench.accuracy import golden, machines, notes
-from bench.performance import builds, events, inputs, levels, pairs
+from bench.performance import builds, events, inputs, levels, pairs, special
 from bench.publish import compare, exhibit, performances, playable, ruler_package, shipped, site, stale
 from bench.recordings import command
 
@@ -60,6 +60,7 @@ OTHERS: dict[str, Callable[[list[str]], int]] = {  # that are no tables, and hav
     "pairs": pairs.main,
     "events": events.main,
     "levels": levels.main,
+    "special": special.main,
     "inputs": inputs.main,
     "shipped": shipped.main,
     "stale": stale.main,
@@ -90,8 +91,6 @@ def explain(name: str) -> int:
 
 def main() -> int:
     """Run the named measurements; each module has a `run()` that prints and writes its results."""
-    os.environ.setdefault("FDH_KERNEL", "special")  # what is measured, where no measurement says otherwise …
-    os.environ["FDH_BACKGROUND"] = "off"  # … with nothing beside it
     if sys.argv[1:2] and sys.argv[1] in OTHERS:
         if {"--help", "-h"} & {*sys.argv[2:]}:
             return explain(sys.argv[1])

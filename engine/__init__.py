@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from engine.api.sweeping import run_sweep, run_sweep_rows
     from engine.faults import BuildError, PatchError, PatchWarning
     from engine.patch.scene import Scene, load
+    from engine.sound.form import SoundForm
     from engine.sweep.dataset import read_sweep
     from engine.sweep.rows import read_sweep_rows
 
@@ -32,6 +33,7 @@ __all__ = [
     "Player",
     "Rendering",
     "Scene",
+    "SoundForm",
     "estimate_error",
     "export_page",
     "load",
@@ -54,6 +56,7 @@ _HOME = {
     "Player": "api.player",
     "Rendering": "api.rendering",
     "Scene": "patch.scene",
+    "SoundForm": "sound.form",
     "load": "patch.scene",
     "read_sweep": "sweep.dataset",
     "read_sweep_rows": "sweep.rows",

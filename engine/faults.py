@@ -59,6 +59,9 @@ class PatchError(ValueError):
         super().__init__("\n".join(map(str, faults)))
         self.faults = list(faults)
 
+    def __reduce__(self) -> tuple[Any, ...]:  # from another process
+        return type(self), (self.faults,)
+
 
 class BuildError(ValueError):
     """A valid scene that cannot be built with the given settings. Its `faults` have paths of keys, but no file.
@@ -73,3 +76,6 @@ class BuildError(ValueError):
     def __init__(self, *faults: Fault) -> None:
         super().__init__("\n".join(f"{fault.path}: {fault.message}" for fault in faults))
         self.faults = list(faults)
+
+    def __reduce__(self) -> tuple[Any, ...]:  # from another process
+        return type(self), tuple(self.faults)

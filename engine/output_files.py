@@ -7,7 +7,7 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +26,8 @@ SUBTYPES = ("FLOAT", "PCM_24", "PCM_16", "DOUBLE")
 BITS = {"PCM_16": 16, "PCM_24": 24}  # of formats whose samples libsndfile would floor
 BITS_OF_SUBTYPE = BITS | {"FLOAT": 32, "DOUBLE": 64, "PCM_32": 32, "PCM_S8": 8, "PCM_U8": 8}  # of uncompressed samples
 ROUNDED_FRAMES = 1 << 20  # at a time
+TRACE_ENDINGS = ".npz", ".nc", ".mat", ".csv"
+DITHER_SEED = 0  # equal sounds are equal files
 MAX_NAME_BYTES = 255  # of a file, on all usual file systems
 
 
@@ -54,34 +56,53 @@ def describe_lowered_gain(output: Path, gain: float, requested: float | None) ->
     return [f"{output}: a gain of {requested:g} dB exceeds the range of its numbers; {gain:g} dB was used instead"]
 
 
-def save_audio(output: Path, audio: "np.ndarray", samplerate: int, subtype: str | None) -> None:
+def save_audio(
+    output: Path,
+    audio: "np.ndarray",
+    samplerate: int,
+    subtype: str | None,
+    dither: bool = False,
+    finish: Callable[[Path], None] | None = None,
+) -> None:
     """Write audio [frames, channels] to a file, in the format of its name.
+
+    dither: add triangular noise before samples are rounded
+    finish: does what is still to be done to the file, before it has its name
 
     Raises OSError if it cannot be written, RuntimeError if the format cannot hold it.
     """
+    import numpy as np
+
     kind, channels = output.suffix.lstrip(".").upper(), audio.shape[1] if audio.ndim > 1 else 1
     if message := explain_unsupported_format(output, samplerate, channels):
         raise RuntimeError(message)
     chosen, bits = resolve_subtype(output, subtype), BITS_OF_SUBTYPE.get(subtype_of_file(output, subtype), 0)
     written = format_for_size(kind, audio.size * bits // 8)
-    with atomic_write(output) as path, ErrorKeepingFile(path, "w+") as file:
-        try:
-            with open_sound_file(file, samplerate, channels, chosen, written) as sound:
-                for begin in range(0, len(audio), ROUNDED_FRAMES):
-                    piece = audio[begin : begin + ROUNDED_FRAMES]
-                    write_pieces(sound, round_samples(piece, output, subtype))
-            remove_time(file, written)
-        except (RuntimeError, AssertionError):
-            if file.error is None:
-                raise
-        if file.error is not None:
-            raise file.error
+    noise = np.random.default_rng(DITHER_SEED) if dither else None
+    with atomic_write(output) as path:
+        with ErrorKeepingFile(path, "w+") as file:
+            try:
+                with open_sound_file(file, samplerate, channels, chosen, written) as sound:
+                    for begin in range(0, len(audio), ROUNDED_FRAMES):
+                        piece = audio[begin : begin + ROUNDED_FRAMES]
+                        write_pieces(sound, round_samples(piece, output, subtype, noise))
+                remove_time(file, written)
+            except (RuntimeError, AssertionError):
+                if file.error is None:
+                    raise
+            if file.error is not None:
+                raise file.error
+        if finish is not None:
+            finish(path)
 
 
-def round_samples(audio: "np.ndarray", output: Path, subtype: str | None) -> "np.ndarray":
+def round_samples(
+    audio: "np.ndarray", output: Path, subtype: str | None, noise: "np.random.Generator | None" = None
+) -> "np.ndarray":
     """Return audio [frames, channels] as soundfile is to write it: in a file of 16 or 24 bits, integers that are the
     nearest ones, with what is beyond full scale cut off; libsndfile takes those below, which shifts a sound by half a
-    step. Of other files, the audio itself. subtype: as requested"""
+    step. Of other files, the audio itself. subtype: as requested; noise: of a dither, a step to either side at most,
+    which makes the error of rounding a noise that does not depend on the sound"""
     import numpy as np
 
     bits = BITS.get(subtype_of_file(output, subtype))
@@ -89,6 +110,8 @@ def round_samples(audio: "np.ndarray", output: Path, subtype: str | None) -> "np
         return audio
     full = float(1 << (bits - 1))
     scaled = np.multiply(audio, full)
+    if noise is not None:
+        scaled += noise.random(scaled.shape) - noise.random(scaled.shape)
     np.clip(np.rint(scaled, out=scaled), -full, full - 1.0, out=scaled)
     return np.asarray(scaled.astype(np.int16) if bits == 16 else scaled.astype(np.int32) << (32 - bits))
 

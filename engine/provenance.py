@@ -9,6 +9,7 @@ from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+ENGINE = "fdh-engine"
 # functions of OpenBLAS that name the processor, as NumPy's wheels and distributions call them
 OPENBLAS_PROCESSOR = "scipy_openblas_get_corename64_", "openblas_get_corename64_", "openblas_get_corename"
 
@@ -16,12 +17,16 @@ OPENBLAS_PROCESSOR = "scipy_openblas_get_corename64_", "openblas_get_corename64_
 def describe_machine() -> dict[str, str]:
     """Processor, cores, and the versions of Python, of packages, and of this engine."""
     record = {"processor": processor_name(), "cores": str(usable_cores()), "Python": platform.python_version()}
-    for package in ("numba", "numpy", "fdh-engine"):
-        try:
-            record[package] = version(package)
-        except PackageNotFoundError:
-            record[package] = "not installed"  # run from a folder of sources
-    return record
+    return record | {package: version_of(package) for package in ("numba", "numpy", ENGINE)}
+
+
+@lru_cache
+def version_of(package: str) -> str:
+    """Return the version of a package that is installed, such as ENGINE; "not installed" of a folder of sources."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def usable_cores() -> int:

@@ -24,8 +24,6 @@ pytest_plugins = ["kernel_files"]
 if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):  # then in a folder of pytest's, or each command reads all anew
     sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"] = str(ROOT / ".pytest_cache" / "bytecode")
     sys.dont_write_bytecode = False
-os.environ.setdefault("FDH_KERNEL", "general")  # one kernel for all scenes; that special ones give the same is a test
-os.environ["FDH_BACKGROUND"] = "off"  # also for the commands that tests start
 PATCHES = sorted((ROOT / "patches").glob("*.toml"))
 ALSA = Path("/usr/share/alsa/alsa.conf")
 needs_portaudio = pytest.mark.skipif(

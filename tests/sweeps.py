@@ -8,6 +8,7 @@ from pathlib import Path
 from conftest import ROOT
 
 import engine
+from engine.sound.form import SoundForm
 from engine.sweep.axes import SweepAxis, parse_axis
 from engine.sweep.plan import SweepPlan, grid_points
 from engine.sweep.sweep import run_sweep
@@ -52,4 +53,4 @@ def swept(folder: Path, *texts: str, most: float = math.inf, patch: str = MARBLE
     """The outcome of a sweep, and the numbers of the points that were rendered."""
     alone = Alone(most)
     told = {"seconds": SECONDS, "samplerate": 44_100} | options
-    return run_sweep(plan(*texts, patch=patch), folder, alone, told, gain), alone.given
+    return run_sweep(plan(*texts, patch=patch), folder, alone, told, SoundForm(gain=gain)), alone.given

@@ -4,9 +4,10 @@ import numpy as np
 from later import import_later
 
 from engine.compiler.decorators import kernel
-from engine.kernel.contact.contact_law import LossyLaw, step_start
-from engine.kernel.contact.scalar_contact_solver import ContactEquation, solve_scalar_contact
-from engine.kernel.data import laws
+from engine.kernel.contact.law import Laws, solve_alone, step_start
+from engine.kernel.contact.scalar_contact_solver import ContactEquation
+from engine.kernel.data.enums import LAW_NUMBERS
+from engine.kernel.data.laws import Law
 
 mpmath = import_later("mpmath")
 
@@ -15,17 +16,23 @@ EXPONENTS = [1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0, 8.0, 12.0]
 
 @kernel
 def solve_all(law, s, g, compliance, out, count, how):
-    lossy_law = LossyLaw(law, None, None)
     for i in range(s.shape[0]):
-        start = step_start(lossy_law, 0, s[i])
-        equation = ContactEquation(lossy_law, 0, start, g[i], compliance[i], 1e-15)
-        out[i, 0], out[i, 1], out[i, 2], _, count[i], how[i] = solve_scalar_contact(equation, 0.0)
+        start = step_start(law, 0, s[i])
+        equation = ContactEquation(law, 0, start, g[i], compliance[i], 1e-15)
+        out[i, 0], out[i, 1], out[i, 2], _, count[i], how[i] = solve_alone(equation, 0.0)
+
+
+def lossy_law(coefficient, exponent, rate=0.0) -> Laws:
+    """The law of contacts: kc/(α+1), α, and the rate of their loss, 1/m; numbers, or one for each contact"""
+    numbers = np.broadcast_arrays(*np.atleast_1d(coefficient, exponent, rate))
+    of_contacts = [np.array(number, float) for number in numbers]
+    return Laws(Law(*of_contacts[:2]), of_contacts[2], np.zeros((of_contacts[0].size, LAW_NUMBERS)))
 
 
 def worst_case_solves(alpha: float, size: int) -> tuple:
     """Compressions and steps over 1e-9..1 m of either sign, B·kc over 1e-12..1e15; solved."""
     rng = np.random.default_rng(1)
-    law = laws.select_law(np.array([alpha]))(np.array([1.0 / (alpha + 1)]), np.array([alpha]))
+    law = lossy_law(1.0 / (alpha + 1), alpha)
     s, g = (10 ** rng.uniform(-9, 0, size) * rng.choice([-1, 1], size) for _ in range(2))
     compliance = 10 ** rng.uniform(-12, 15, size)
     out, count, how = np.zeros((size, 3)), np.zeros(size, np.int64), np.zeros(size, np.int64)

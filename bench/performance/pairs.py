@@ -38,7 +38,7 @@ FRAMES = 64, 8192  # in a block, at least and at most
 TRIAL_FRAMES = 1024  # in a block of the first turn
 RATE = 44_100
 TIMED = "engine", "patches"  # folders of the working tree that are compared
-MACHINE_CODE = "*.zip"  # in engine/shipped
+MACHINE_CODE = "*.zip", "*.tar.xz"  # in engine/shipped: those of earlier versions, and of this one
 
 
 class Version:
@@ -78,7 +78,7 @@ class Times(NamedTuple):
 @contextmanager
 def without_machine_code(revisions: list[str]) -> Iterator[list[Path]]:
     """Folders with copies of two revisions, or of one and the working tree. Raises CalledProcessError."""
-    ignored = shutil.ignore_patterns(MACHINE_CODE, "__pycache__")
+    ignored = shutil.ignore_patterns(*MACHINE_CODE, "__pycache__")
     with checked_out(revisions) as trees, tempfile.TemporaryDirectory() as folder:
         copies = []
         for tree, age in zip([*trees, ROOT][:2], ("old", "new"), strict=True):

@@ -1,4 +1,4 @@
-"""The kernel as it would be had the absent effects never been written: for comparison with the one Numba prunes.
+"""The kernel as it would be had the absent effects never been written: for comparison with a special one.
 
 `python -m bench.performance.stripped FOLDER` (with `engine` from FOLDER) prints, as JSON, the instructions of the
 sample loop for the base scene and the time of a sample.
@@ -14,26 +14,13 @@ from pathlib import Path
 import numpy as np
 
 import engine
+from engine.kernel.data import effects
 from engine.kernel.data.enums import Energies
 from engine.patch.accuracy import Accuracy
 
-# the names by which kernels know an effect that the base scene has not; each must be met, or nothing was proven
-ABSENT = {
-    "loss",
-    "drag",
-    "weight",
-    "force",
-    "contact",
-    "other_rows",
-    "coupling",
-    "events",
-    "connection",
-    "connection_state",
-    "drive",
-    "duration",
-    "free_masses",
-    "moving",
-}
+PRESENT = "SPRINGS"  # the effect that the base scene has; all others must be met, or nothing was proven
+ABSENT = {name for name, value in vars(effects).items() if name.isupper() and isinstance(value, int)}
+ABSENT -= {PRESENT, "EFFECTS"}
 FRAMES = 4096
 
 
@@ -45,20 +32,32 @@ def base(modes: int = 24) -> engine.Scene:
 
 
 class Strip(ast.NodeTransformer):
-    """Resolves `if effect is None` and `if effect is not None` for absent effects, and keeps the names it has met."""
+    """Resolves `EFFECTS & EFFECT`, as a statement or as an expression, for absent effects, and keeps their names."""
 
     def __init__(self) -> None:
         self.met: set[str] = set()
 
+    def is_absent(self, test: ast.expr) -> bool:
+        """Whether a condition asks for absent effects alone."""
+        if not (isinstance(test, ast.BinOp) and isinstance(test.left, ast.Name) and test.left.id == "EFFECTS"):
+            return False
+        return {name.id for name in ast.walk(test.right) if isinstance(name, ast.Name)} <= ABSENT
+
+    def keep_names(self, test: ast.expr) -> None:
+        self.met |= {name.id for name in ast.walk(test) if isinstance(name, ast.Name)} & ABSENT
+
     def visit_If(self, node: ast.If) -> ast.AST | list[ast.stmt]:
         self.generic_visit(node)
-        test = node.test
-        if isinstance(test, ast.Compare) and isinstance(test.left, ast.Name) and test.left.id in ABSENT:
-            self.met.add(test.left.id)
-            if isinstance(test.ops[0], ast.Is):
-                return node.body
-            if isinstance(test.ops[0], ast.IsNot):
-                return node.orelse or ast.Pass()
+        if self.is_absent(node.test):
+            self.keep_names(node.test)
+            return node.orelse or ast.Pass()
+        return node
+
+    def visit_IfExp(self, node: ast.IfExp) -> ast.AST:
+        self.generic_visit(node)
+        if self.is_absent(node.test):
+            self.keep_names(node.test)
+            return node.orelse
         return node
 
 

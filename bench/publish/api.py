@@ -21,6 +21,8 @@ Whole scripts to copy are in the [examples](examples/README.md).
 | --- | --- |
 | read a patch, list its numbers and change them | `load`, `Scene.parameters`, `Scene.replace` |
 | compute a sound, its forces and its energies | `render`, `Rendering` |
+| write it to a file, trimmed, at a loudness, as a loop | `Rendering.save`, `SoundForm` |
+| write a patch that a script has made | `Scene.save`, `Scene.to_toml` |
 | know how exact it is | `rendering.stats.energy`, `rendering.stats.trusted`, `estimate_error` |
 | compute many sounds | `run_sweep_rows`, `run_sweep` |
 | play in a browser, or in a notebook | `Rendering.page`, `export_page` |
@@ -48,7 +50,7 @@ MADE_BY_FUNCTIONS = "Scene", "Parameter", "Rendering", "TraceArrays", "ContactSu
 # in the order of the page: where each name is imported from, and those of its methods and properties that are for users
 NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "load": ("fdh", ()),
-    "Scene": ("fdh", ("parameters", "replace", "channels")),
+    "Scene": ("fdh", ("parameters", "replace", "channels", "to_toml", "save")),
     "Parameter": ("fdh.patch.parameters", ()),
     "render": ("fdh", ()),
     "Rendering": ("fdh", ("contacts", "silence", "page", "plot", "save")),
@@ -65,6 +67,7 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "AudioInput": ("fdh", ()),
     "export_page": ("fdh", ()),
     "Page": ("fdh", ("save",)),
+    "SoundForm": ("fdh", ()),
     "PatchError": ("fdh", ()),
     "BuildError": ("fdh", ()),
     "PatchWarning": ("fdh", ()),

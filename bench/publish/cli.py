@@ -112,8 +112,6 @@ CONVENTIONS = """
 
 | variable | effect |
 | --- | --- |
-| `FDH_KERNEL` | default of `--kernel`: `special`, `general` or `auto` |
-| `FDH_BACKGROUND` | `off`: do not compile special kernels in the background |
 | `FDH_CACHE_LIMIT` | largest size of the kernel cache, in megabytes (default: 500) |
 | `NUMBA_CACHE_DIR` | folder of the kernel cache, instead of that of the user |
 

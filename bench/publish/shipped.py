@@ -18,9 +18,7 @@ from typing import Any
 
 from bench.publish import stale
 from engine.assembly.build import build
-from engine.assembly.general import generalise
 from engine.compiler import archive_trial, cache
-from engine.compiler.kernel_name import KernelName
 from engine.compiler.kinds import Kind
 from engine.compiler.shipped import ABOUT, FOLDER, SAMPLES, archive, kernel_key, sources_of, write_members
 from engine.compiler.targets import TARGETS, WASM, Target, fitting_targets, target_named
@@ -31,7 +29,7 @@ from engine.patch.scene import Scene
 from engine.runtime.exchange import INSERT_USE
 from engine.runtime.helpers import HELP_CREW, HELP_CREW_KINDS
 from engine.runtime.job_memory import RENDER_JOB, RENDER_JOB_KINDS, RENDER_USE
-from engine.runtime.kernel_choice import Prepared, kinds_of
+from engine.runtime.kernel_choice import prepare
 
 SIMPLE = {
     "body": [{"name": "a", "kind": "oscillator", "mass": 1.0, "frequency": 100.0, "displacement": 1.0}],
@@ -48,9 +46,9 @@ Request = tuple[str, str, tuple[Kind, ...]]
 def requests(part: str) -> dict[str, Request]:
     """Return the kernels of a part: module, function and kinds, by their names in C."""
     scene = Scene.model_validate(SIMPLE | {"accuracy": {"order": ORDERS[part]}})
-    model, state = generalise(*build(scene, 44_100)[:2])
-    general = Prepared([model], state, KernelName.GENERAL)
-    wanted = [(u.kernel, kinds_of(general, u)) for u in (RENDER_USE, INSERT_USE)]
+    model, state, _ = build(scene, 44_100)
+    general = prepare([model], state)
+    wanted = [(use.kernel, general.kinds_for(use)) for use in (RENDER_USE, INSERT_USE)]
     if part == PLAIN:
         wanted += [(RENDER_JOB, RENDER_JOB_KINDS), (HELP_CREW, HELP_CREW_KINDS), *KINDS.items()]
     end = "" if part == PLAIN else f"_{part}"

@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2]
 CONFIGURATION = Path(__file__).with_name("site.yml")
 NAVIGATION = {  # pages of docs; those that are not named here come last
     "Start here": ["installation", "first_patch", "gallery", "glossary"],
-    "Guides": ["joining", "bodies", "instruments", "live", "export", "accuracy", "limits"],
+    "Guides": ["joining", "bodies", "instruments", "live", "files", "export", "accuracy", "limits"],
     "Reference": ["cli", "patches", "api", "start_up"],
     "Science": ["scheme", "paper", "guarantees", "ruler", "bench"],
     "For developers": ["architecture", "design", "extending"],

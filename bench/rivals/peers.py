@@ -26,7 +26,8 @@ from bench.scenes.families import bank, hammered
 from engine.analysis.work_precision import measure_work_precision
 from engine.assembly.array_memory import align_to_cache_lines
 from engine.assembly.build import build
-from engine.kernel.data.laws import Linear
+from engine.kernel.data.effects import CONTACTS, TWO_BODIES
+from engine.kernel.data.laws import Law
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
 from engine.offline.simulation import Simulation
@@ -165,17 +166,17 @@ def tables_of(model: Model, state: State, width: int) -> dict[str, np.ndarray]:
         dense[first:last] = values[at : at + last - first]
         return dense
 
-    stiffness = padded(0.0 if model.omega_squared is None else model.omega_squared)
+    stiffness = padded(model.omega_squared)
     tables = {
-        "pull": padded(0.0 if h.spring_kick is None else h.spring_kick),
+        "pull": padded(h.spring_kick),
         "drift": padded(h.drift),
-        "keep": padded(1.0 if h.loss is None else h.loss.decay_factor),
+        "keep": padded(h.loss.decay_factor),
         "stiffness": stiffness,
         "ear": over(pickups.rows, pickups.rows.phi) * pickups.gain[0],
     }
-    if contact is not None:
+    if model.effects & CONTACTS:
         ends = [(contact.rows, h.contact.rows)]
-        if contact.other_rows is not None:
+        if model.effects & TWO_BODIES:
             ends.append((contact.other_rows, h.contact.other_rows))
         tables["shape"] = np.sum([over(rows, rows.phi) for rows, _ in ends], axis=0)
         tables["kick"] = np.sum([over(rows, step.kick_phi) for rows, step in ends], axis=0)
@@ -190,7 +191,7 @@ def tables_of(model: Model, state: State, width: int) -> dict[str, np.ndarray]:
 
 def aligned(array: np.ndarray) -> np.ndarray:
     """A copy of an array, which begins where a cache line does."""
-    copy: np.ndarray = align_to_cache_lines(Linear(array, array)).exponent
+    copy: np.ndarray = align_to_cache_lines(Law(array, array)).exponent
     return copy
 
 

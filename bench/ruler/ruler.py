@@ -8,7 +8,6 @@ import csv
 import dataclasses
 import datetime
 import math
-import os
 import sys
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -269,7 +268,6 @@ def main(words: list[str]) -> None:
     """Score all methods on the named problems."""
     if not words or (unknown := [name for name in words if name not in NAMES]):
         sys.exit(f"unknown {', '.join(unknown)}; some of {', '.join(NAMES)}" if words else __doc__)
-    os.environ["FDH_BACKGROUND"] = "off"  # nothing is measured beside a compilation
     run(tuple(words))
 
 

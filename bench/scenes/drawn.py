@@ -1,5 +1,5 @@
 """Scenes that Hypothesis draws: masses and oscillators, and stops and other bodies in their way, over many decades. All
-have the same effects and law, so that one kernel runs them all.
+have the same effects but felt with memory, so that two special kernels run them all.
 """
 
 from hypothesis import strategies as st
@@ -50,6 +50,8 @@ def scenes(draw, lossless: bool = False) -> engine.Scene:
             "exponent": draw(st.sampled_from([1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 5.0])),
             "loss": draw(loss),
         }
+        if not lossless and contact["loss"] == 0.0 and draw(st.booleans()):
+            contact["relaxation"] = {"share": draw(st.floats(0.01, 0.99)), "time": draw(decades(-6, 1))}
         place = draw(either(-6, -3))
         if draw(st.booleans()):
             contact |= {"on": on, "gap": abs(place) if lossless else place}

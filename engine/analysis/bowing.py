@@ -134,14 +134,11 @@ def describe_friction(layout: Layout, model: Model) -> list[str]:
 
 def _steps_of_press(layout: Layout, model: Model) -> list[tuple[str, str]]:
     """Return the contacts that press, and the step whose force counts."""
-    rubbing = model.contact.friction if model.contact is not None else None
-    if rubbing is None:
-        return []
     steps: dict[str, str] = {}
     for table in friction_points(layout).values():
         if table.contact is not None:
             island = layout.islands.of_body[layout.body_index[table.body]]
-            steps[table.contact] = "the same step" if rubbing.is_apart[island] else "the step before"
+            steps[table.contact] = "the same step" if model.contact.friction.is_apart[island] else "the step before"
     return list(steps.items())
 
 

@@ -12,7 +12,8 @@ from engine.assembly.layout import Layout
 from engine.assembly.limits import MAX_FREQUENCY_SHARE
 from engine.assembly.one_way_drive import drive_forces
 from engine.assembly.residual_modes import shares_left_out
-from engine.assembly.table_changes import count_steps, glide_between, scored_changes
+from engine.assembly.scored_changes import scored_changes
+from engine.assembly.table_changes import count_steps, glide_between
 from engine.bodies.air import AirBox
 from engine.bodies.distributed import DistributedBody
 from engine.bodies.sheet import MAX_SHEET_MODES, SheetBody

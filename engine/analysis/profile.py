@@ -12,16 +12,17 @@ import numpy as np
 from engine.analysis.bowing import describe_friction
 from engine.assembly.build import build
 from engine.assembly.layout import Layout
+from engine.assembly.scored_changes import scored_tables
 from engine.assembly.subsystems import estimate_cost
-from engine.assembly.table_changes import scored_tables
 from engine.bodies import MeasuredBody
-from engine.compiler.kinds import kind_of
+from engine.compiler.kernel_name import KernelName
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.data.axes import map_arrays
+from engine.kernel.data.effects import STRETCHING
 from engine.kernel.data.enums import FLIGHT_FRAMES, Energies, Ledger, Sleep
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
-from engine.offline.effects import EFFECTS
+from engine.offline.effects import effects_of
 from engine.offline.large_motion import LargeMotion, MotionRecord
 from engine.offline.recorder import Recorder
 from engine.offline.simulation import Simulation
@@ -41,6 +42,7 @@ BLOCKS_PER_REPORT = 16  # of progress
 MOTION_BLOCK_FRAMES = 4096
 
 SOLVER_NAMES = {0: "none", 1: "scalar"}  # by contact points of an island; more have a vector solver
+NOT_THERE = "the scene has none"
 REASONS_LEFT_OUT = {
     "loss": "no body loses energy",
     "loss within the step": "no mode needs it",
@@ -108,16 +110,14 @@ def profile_scene(
     model, state, layout = build(scene, samplerate, settings, seconds, one_partition_per_island=True)
     channels = scene.channels
     mean, worst, energy = _measure_costs(model, state, frame_count(seconds, samplerate), channels, progress)
-    motion, stretching = None, None
-    if model.tension is not None or LargeMotion(model, state, layout).may_be_large(energy):
+    motion, stretching, effects = None, None, effects_of(model)
+    if model.effects & STRETCHING or LargeMotion(model, state, layout).may_be_large(energy):
         motion, stretching = _record_motion(scene, settings, seconds, samplerate)
     return Profile(
         kernel=kernel_id(model, state),
         islands=[_profile_island(layout, model, state, n, mean[n], worst[n]) for n in range(mean.size)],
-        effects={
-            name: "compiled in" if find(model) is not None else f"left out: {REASONS_LEFT_OUT[name]}"
-            for name, find in EFFECTS.items()
-        },
+        effects=dict.fromkeys(effects.compiled, "compiled in")
+        | {name: f"left out: {REASONS_LEFT_OUT.get(name, NOT_THERE)}" for name in effects.left_out},
         contacts_left_out=_contacts_left_out(layout),
         stretching=[] if stretching is None else stretching.statistics(samplerate),
         warnings=[] if motion is None else motion.warnings(samplerate),
@@ -126,8 +126,8 @@ def profile_scene(
 
 
 def kernel_id(model: Model, state: State) -> str:
-    """8 hexadecimal digits that name the kernel of a model: scenes with the same ones share its compiled code."""
-    return hashlib.sha256(repr(kind_of((model, state))).encode()).hexdigest()[:8]
+    """8 hexadecimal digits that name the special kernel of a model: scenes with the same effects share it."""
+    return hashlib.sha256(repr(prepare([model], state, KernelName.SPECIAL).kinds).encode()).hexdigest()[:8]
 
 
 def _measure_costs(
@@ -153,7 +153,7 @@ def _time_blocks(
     """Time of each block of each island, ns [blocks, islands], and the largest energy of each island, J [islands]."""
     count = model.islands.partition.size - 1
     audio, ledger = np.zeros((TIMED_BLOCK_FRAMES, channels)), np.zeros((len(Ledger), TIMED_BLOCK_FRAMES))
-    (model_handle,), state_handle = prepare([model], state, [RENDER_USE]).handles()
+    (model_handle,), state_handle = prepare([model], state).handles()
     handles = model_handle, state_handle, StructHandle(block_output(audio, ledger, Energies.AT_EACH_SAMPLE))
     render_block = RENDER_USE.kernel.callable(handles[0].kind, handles[1].kind, *RENDER_USE.others)
     addresses = [handle.address for handle in handles]
@@ -187,7 +187,7 @@ def _record_motion(
     motion = LargeMotion(model, state, layout)
     record: Recorder = MotionRecord(simulation, motion)
     stretching = None
-    if state.tension is not None:
+    if model.effects & STRETCHING:
         record = stretching = StretchingRecord(record, state, layout, FLIGHT_FRAMES)
     audio = np.zeros((MOTION_BLOCK_FRAMES, scene.channels))
     frames = frame_count(seconds, samplerate)

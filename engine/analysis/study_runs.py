@@ -7,7 +7,7 @@ import numpy as np
 from engine.analysis.finer_scene import FinerScene
 from engine.analysis.study_progress import StudyProgress, StudyRun, study_run
 from engine.assembly.build import build
-from engine.assembly.table_changes import scored_tables
+from engine.assembly.scored_changes import scored_tables
 from engine.bodies import Mass, Oscillator
 from engine.kernel.data.enums import EventKind
 from engine.kernel.data.model import Model
@@ -134,9 +134,7 @@ def _perturb(model: Model, state: State, by: float) -> None:
     state.q[:] *= 1 + by
     state.p[:] *= 1 + by
     state.compression[:] = (1 + by) * (state.compression + state.barrier) - state.barrier
-    if model.force is not None:
-        model.force.table[:] *= 1 + by
-        model.force.tail[:] *= 1 + by
-    if model.events is not None:
-        model.events.value2[model.events.kind == EventKind.STRIKE] *= 1 + by
-        model.events.value[model.events.kind == EventKind.PLUCK] *= 1 + by
+    model.force.table[:] *= 1 + by
+    model.force.tail[:] *= 1 + by
+    model.events.value2[model.events.kind == EventKind.STRIKE] *= 1 + by
+    model.events.value[model.events.kind == EventKind.PLUCK] *= 1 + by

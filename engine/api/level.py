@@ -41,7 +41,7 @@ def measure_level(scene: Scene, samplerate: int = 44_100, kernel: str | None = N
     plays by itself. None if it is silent.
 
     samplerate: Hz
-    kernel:     special, general or auto (engine.runtime.kernel_choice)
+    kernel:     general or special (engine.runtime.kernel_choice)
 
     >>> import fdh
     >>> from engine.api.level import measure_level

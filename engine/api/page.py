@@ -10,7 +10,7 @@ from pathlib import Path
 from engine.api.pilot import Pilot
 from engine.argument_checks import checked_integer
 from engine.compiler.kernel_name import KernelName
-from engine.export.page import make_page
+from engine.export.page import PageSettings, make_page
 from engine.live.key_allocator import live_scene
 from engine.live.player import Player
 from engine.output_files import write_text
@@ -82,11 +82,8 @@ def export_page(
         make_page(
             scene,
             partial(level_of, scene, samplerate),
-            samplerate,
-            kernel,
+            PageSettings(samplerate, kernel, (slide,) if isinstance(slide, str) else slide, voices),
             about,
-            (slide,) if isinstance(slide, str) else slide,
-            checked_integer("voices", voices),
         )
     )
 

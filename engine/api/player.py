@@ -32,9 +32,9 @@ class Player(player.Player):
 
     voices:  so many copies of the scene, each of which can be tuned
     lowest:  ratio of the lowest pitch they will be tuned to
-    general: exponents can be changed; the contact laws are then general ones, which take longer
+    general: exponents of contacts can be changed
     cores:   how many share the work; 1 if absent
-    kernel:  special, general or auto (engine.runtime.kernel_choice)
+    kernel:  general or special (engine.runtime.kernel_choice)
     waiting: forces of limited duration wait until `pluck` starts them
 
     `channels` is the number of channels, and `samplerate` the sample rate in Hz.

@@ -1,5 +1,6 @@
 """Renderings as they are used from Python: drawn, saved, and shown in a notebook."""
 
+import json
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -12,21 +13,26 @@ import numpy as np
 
 from engine.analysis.contact_summaries import ContactSummaries
 from engine.analysis.silence import explain_silence
-from engine.api.sound_file import SoundFile
+from engine.api.trace_files import make_dataset, write_trace
 from engine.argument_checks import checked_integer, checked_number
 from engine.faults import RenderInterrupted
 from engine.offline.render import RenderedArrays, render_arrays
 from engine.offline.trace import TraceArrays, contact_names
-from engine.output_files import apply_gain, atomic_write, check_audio_format, save_trace
+from engine.output_files import TRACE_ENDINGS, apply_gain, atomic_write, check_audio_format
 from engine.patch.accuracy import Accuracy
 from engine.patch.error_messages import suggestion
 from engine.patch.precision_key import PATH
 from engine.patch.scene import Scene, check_scene
 from engine.patch.scene_tables import MAX_LEVEL
 from engine.report.figures import PICTURE_ENDINGS, PLOT_STYLES, PlotStyle, save_figure, set_title
+from engine.sound.about import About
+from engine.sound.form import PLAIN_FORM, SoundForm
+from engine.sound.sound_file import SoundFile
 from engine.wording import join_with_or
 
 if TYPE_CHECKING:
+    from xarray import Dataset
+
     from engine.api.page import Page
 
 PANELS_WITHOUT_TRACE = ("waveform", "spectrogram")
@@ -135,15 +141,22 @@ class Rendering(RenderedArrays):
             return self._draw(figure, names, look)
 
     def save(
-        self, path: str | Path, gain: float | None = None, subtype: str | None = None, style: str = "screen"
+        self,
+        path: str | Path,
+        gain: float | None = None,
+        subtype: str | None = None,
+        style: str = "screen",
+        form: SoundForm = PLAIN_FORM,
     ) -> float:
-        """Write the sound to a file, in the format of its name: .wav, .flac, .ogg and more. A name that ends in .npz
-        gets the trace instead, and in .png, .pdf or .svg the picture.
+        """Write the sound to a file, in the format of its name: .wav, .flac, .ogg and more. A name that ends in .npz,
+        .nc, .mat or .csv gets the trace instead, and in .png, .pdf or .svg the picture.
 
-        gain:    dB; if None, the sound is normalised to -1 dBFS, for SI units may be tiny. 0 keeps SI units, and
+        gain:    dB; if None, the sound is normalised to -1 dBFS, for SI units may be tiny, and fades out for 5 ms where
+                 it is cut. 0 keeps SI units and all samples, and
                  `rendering.scene.level` is the level of the patch
         subtype: FLOAT (of a .wav, if None), PCM_24, PCM_16 or DOUBLE
         style:   of a picture, as of `plot`
+        form:    trim, fade, loop, loudness and dither; a gain or a subtype that is given as well has its place
 
         Returns the gain that was applied, dB. Warns of samples that a file of integers cuts off. Raises ValueError
         if the format is none or cannot hold the sound, if the gain is out of range, or there is no trace to write;
@@ -155,26 +168,30 @@ class Rendering(RenderedArrays):
         >>> rendering.save("ball_in_si_units.wav", gain=0.0)
         0.0
         >>> gain = rendering.save("ball.pdf", style="paper")
+        >>> gain = rendering.save("ball_for_a_game.wav", form=fdh.SoundForm(trim=True, loudness=-23.0))
         """
         path, look = _checked_path(path), _checked_style(style)
         ending = path.suffix.lower()
-        if ending == ".npz":
+        if ending in TRACE_ENDINGS:
             if self.trace is None:
                 raise ValueError("there is no trace to write; render with trace=True")
-            save_trace(path, self.trace)
+            write_trace(path, self.trace, self._facts)
             return 0.0
         if ending in PICTURE_ENDINGS:
             with atomic_write(path) as part:
                 part.write_bytes(self._picture(PANEL_SIZE, self._checked_panels(()), look, ending))
             return 0.0
+        subtype = subtype or form.subtype
         if faults := check_audio_format(path, subtype, "path"):
             others = f" for the sound, in .npz for the trace, or in {join_with_or(PICTURE_ENDINGS)} for the picture"
             messages = [fault.message.replace("--subtype ", "subtype ") for fault in faults]
             raise ValueError("; ".join(m + others if m.endswith("end it in .wav") else m for m in messages))
+        gain = form.gain if gain is None else gain
         if gain is not None and not -MAX_LEVEL <= (gain := checked_number("gain", gain)) <= MAX_LEVEL:
             raise ValueError(f"gain = {gain:g} is out of range; {-MAX_LEVEL:g} to {MAX_LEVEL:g} dB")
-        file = SoundFile(path, subtype, gain)
-        sound = file.bring_to_level(self.audio, self.samplerate, self.silence is not None)
+        form = replace(form, subtype=subtype, gain=gain, loudness=form.loudness if gain is None else None)
+        file = SoundFile(path, form, About(self.scene.title, kernel=self.stats.kernel))
+        sound = file.prepare(self.audio, self.samplerate, self.silence is not None)
         if cut := sound.clipping:
             remedy = f"gain={cut.safe_gain:.1f} fits"
             warnings.warn(
@@ -185,6 +202,26 @@ class Rendering(RenderedArrays):
         except RuntimeError as error:
             raise ValueError(f"{path}: {error}") from None
         return sound.gain
+
+    @property
+    def _facts(self) -> dict[str, str]:
+        """Facts that files of a trace have beside it."""
+        texts = {"accuracy": json.dumps(self.stats.accuracy), "kernel": self.stats.kernel, "title": self.scene.title}
+        return texts | {"patch_text": self.scene.to_toml()}
+
+    def to_xarray(self) -> "Dataset":
+        """Return the trace as an xarray.Dataset: `time`, and bodies, contacts and frictions by their names, with units;
+        the patch, the accuracy and the version are its attributes. Raises ValueError without a trace; ImportError
+        without xarray.
+
+        >>> import fdh
+        >>> trace = fdh.render(fdh.load("bouncing_ball"), seconds=0.5, trace=True).to_xarray()
+        >>> float(trace.force.sel(contact_name="contact.0").max().round()), trace.force.attrs["units"]
+        (1024.0, 'N')
+        """
+        if self.trace is None:
+            raise ValueError("there is no trace; render with trace=True")
+        return make_dataset(self.trace, self._facts)
 
     def _repr_html_(self) -> str:
         """Return the HTML that a notebook shows: a player of the first minute, the main numbers, and a picture."""
@@ -263,7 +300,7 @@ def render(
     trace:      keep every sample's displacements, forces and energies
     cores:      how many may share the work; all of the machine's if None. The samples are the same
     progress:   called now and then with the share rendered, 0 to 1
-    kernel:     special, general or auto (engine.runtime.kernel_choice). The samples are the same
+    kernel:     general or special (engine.runtime.kernel_choice). The samples are the same
     trace_shapes: keep a trace, and with it shapes of strings, bars and sheets: 4000 of each at most and 64 MB in all,
                 evenly apart
     accuracy:   scheme, order, substeps, max_error, max_substeps, least_detuning, tolerance, oversample, iterations,

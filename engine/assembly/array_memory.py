@@ -1,13 +1,14 @@
 """Memory of the arrays of a record: allocation and alignment."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Never
 
 import numpy as np
 
 from engine.kernel.data.axes import Axis, Items, arrays_of, fields_of, map_arrays
 
 CACHE_LINE_BYTES = 64
+ABSENT: Never = None  # type: ignore[assignment]  # a part that a scene lacks, until it is filled in (absent_parts.py)
 
 
 def align_to_cache_lines(value: Any) -> Any:

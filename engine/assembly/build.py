@@ -1,10 +1,12 @@
 """Build the Model and the State of a scene at a sample rate.
 
-An effect that no part of the scene uses, or that has no strength (no loss, no stiffness), is not built: it is None.
+An effect that no part of the scene uses, or that has no strength (no loss, no stiffness), is not built: at first it is
+ABSENT, and at the end arrays that do nothing (engine.assembly.absent_parts).
 """
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +14,8 @@ import numpy as np
 from engine.arithmetic import plain_numbers
 from engine.arithmetic.elementary import square
 from engine.assembly import limits
-from engine.assembly.array_memory import align_to_cache_lines
+from engine.assembly.absent_parts import fill_absent_parts
+from engine.assembly.array_memory import ABSENT, align_to_cache_lines
 from engine.assembly.connections import check_connections, connections
 from engine.assembly.contact_points import NOWHERE, BodyPoint, contact_sides, offset
 from engine.assembly.contact_reach import contacts_to_build
@@ -33,13 +36,12 @@ from engine.assembly.pickup_points import HeardPoint
 from engine.assembly.points import find_points
 from engine.assembly.refinement import build_refinement
 from engine.assembly.residual_modes import with_residual_modes
-from engine.assembly.softening import count_pairs
 from engine.assembly.step_coefficients import step_coefficients
+from engine.assembly.stiffening import count_pairs
 from engine.assembly.tension import stretching_bodies, tension
 from engine.bodies.body import ModalBody, remember_positions
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import EventKind, Quantity
-from engine.kernel.data.laws import NO_NUMBERS, select_law
 from engine.kernel.data.model import (
     Contact,
     Drive,
@@ -51,7 +53,6 @@ from engine.kernel.data.model import (
 )
 from engine.kernel.data.state import State
 from engine.patch.accuracy import Accuracy
-from engine.patch.friction import Friction
 from engine.patch.scene import Scene
 from engine.patch.tables import ChangeEvent, Force
 
@@ -74,7 +75,6 @@ def build(
     *,
     one_partition_per_island: bool = False,
     event_capacity: int = 0,
-    variable_exponents: bool = False,
     like: Sequence[ModalBody] | None = None,
     before: Layout | None = None,
 ) -> BuildResult:
@@ -84,7 +84,6 @@ def build(
     seconds:  duration of the sound; the tables of forces end there
     one_partition_per_island: also where islands are small (engine.analysis.profile measures them)
     event_capacity:     free slots on each island for events that the scene does not name (engine.live.player)
-    variable_exponents: True if exponents may change beyond what the score says
     like:               modal bodies of another build of the scene; each body gets as many modes as it has there
     before:             layout of another build with the same `like`; what has not changed since is not computed again
     Raises BuildError if a body vibrates too fast for the sample rate, if the accuracy has steps back in time
@@ -92,31 +91,31 @@ def build(
     """
     accuracy = accuracy or scene.accuracy
     live = event_capacity > 0 or any(getattr(event, "parameter", None) for event in scene.event)
-    layout = find_layout(scene, samplerate, accuracy, seconds, live, like, before)
+    layout = find_layout(scene, samplerate, accuracy, seconds, live, EarlierBuild(like, before))
     stiffness = nominal_stiffness(layout)
     events, event_counts = event_table(layout, stiffness, samplerate, event_capacity)
-    has_dampers = events is not None and bool((events.kind == EventKind.DAMP).any()) and not accuracy.is_refined
+    has_dampers = events is not ABSENT and bool((events.kind == EventKind.DAMP).any()) and not accuracy.is_refined
     modes = mode_coefficients(layout.modes, samplerate, accuracy, has_dampers)
     islands = segment_arrays(layout, event_counts, count_pairs(layout, list(stretching_bodies(layout))))
     if one_partition_per_island:
         islands = islands._replace(partition=np.arange(islands.mode.size))
-    omega, weight = layout.modes.omega, layout.modes.weight if layout.modes.weight.any() else None
+    omega, weight = layout.modes.omega, layout.modes.weight if layout.modes.weight.any() else ABSENT
     step = step_coefficients(layout, modes, samplerate)
     drives = [layout.islands.of_body[layout.body_index[force.body]] for force in drive_forces(scene)]
-    changed = any(isinstance(e, ChangeEvent) and e.exponent is not None for e in scene.event)
     refinement = None
     if accuracy.is_refined:
-        refinement = build_refinement(layout, accuracy, samplerate, events is not None, seconds=seconds)
+        refinement = build_refinement(layout, accuracy, samplerate, events is not ABSENT, seconds=seconds)
     model = Model(
         samplerate=float(samplerate),
+        effects=0,
         islands=islands,
         step=step,
-        omega_squared=square(omega) if omega.any() else None,
+        omega_squared=square(omega) if omega.any() else ABSENT,
         weight=weight,
         force=_external_force(layout, samplerate, seconds, accuracy),
-        drive=Drive(np.array(drives)) if drives else None,
+        drive=Drive(np.array(drives)) if drives else ABSENT,
         connection=connections(layout, samplerate, step, accuracy.is_refined),
-        contact=_contact(layout, step, accuracy, variable_exponents or changed),
+        contact=_contact(layout, step, accuracy),
         tension=tension(layout, accuracy.least_detuning),
         refinement=refinement,
         events=events,
@@ -128,7 +127,15 @@ def build(
     )
     state = initial_state(layout, model)
     _refuse_deep(layout, state)
+    model, state = fill_absent_parts(model, state)
     return BuildResult(align_to_cache_lines(model), align_to_cache_lines(state), layout)
+
+
+class EarlierBuild(NamedTuple):
+    """An earlier build of the scene."""
+
+    like: Sequence[ModalBody] | None  # its modal bodies, to have as many modes of each
+    before: Layout | None  # its layout, or that of a later one
 
 
 def find_layout(
@@ -137,14 +144,14 @@ def find_layout(
     accuracy: Accuracy,
     seconds: float,
     live: bool,
-    like: Sequence[ModalBody] | None,
-    before: Layout | None,
+    earlier: "EarlierBuild",
 ) -> Layout:
     """Check that a scene can be built, and return its layout. Raises BuildError if it cannot.
 
     live: True if events may come that the score does not name
-    like: modal bodies of another build, to have as many modes of each; before: its layout, or that of a later one
+    earlier: what there is of another build
     """
+    like, before = earlier
     known = {} if before is None else before.same_bodies(scene)
     bodies = limits.build_modal_bodies(scene, samplerate, accuracy.scheme, known)
     if like is None:
@@ -196,11 +203,9 @@ def trace_points(layout: Layout) -> list[BodyPoint]:
     return [points.get(scene.body[b].name, NOWHERE) for b in layout.islands.body_order]
 
 
-def _free_masses(layout: Layout) -> FreeMasses | None:
-    """Return the modes of free masses, counted from the first mode of their island; None without any."""
+def _free_masses(layout: Layout) -> FreeMasses:
+    """Return the modes of free masses, counted from the first mode of their island."""
     modes = layout.modes
-    if not modes.is_free.any():
-        return None
     is_audible = np.zeros(len(modes.of_island), np.bool_)
     for pickup in layout.scene.pickup:
         number = layout.body_index[pickup.body]
@@ -209,18 +214,17 @@ def _free_masses(layout: Layout) -> FreeMasses | None:
     return FreeMasses(np.concatenate([np.flatnonzero(modes.is_free[m]) for m in modes.of_island]), is_audible)
 
 
-def _contact(layout: Layout, step: StepCoefficients, accuracy: Accuracy, variable_exponents: bool) -> Contact | None:
-    """Return the contacts of a layout; None without any."""
+def _contact(layout: Layout, step: StepCoefficients, accuracy: Accuracy) -> Contact:
+    """Return the contacts of a layout; ABSENT without any."""
     if not layout.points.contacts:
-        return None
+        return ABSENT
     contacts = [(layout.touching[k], point) for k, point in layout.islands.contact_points]
-    exponents = np.array([contact.exponent for contact, _ in contacts if not isinstance(contact, Friction)])
     ours, theirs = zip(*layout.points.contacts, strict=True)
     return Contact(
-        law=select_law(exponents, variable_exponents)(NO_NUMBERS, NO_NUMBERS),
         rows=mode_shape_rows(ours),
-        other_rows=mode_shape_rows(theirs) if any(row.phi.size for row in theirs) else None,
-        friction=friction(layout, step.contact.coupling if step.contact is not None else None),
+        other_rows=mode_shape_rows(theirs) if any(row.phi.size for row in theirs) else ABSENT,
+        friction=friction(layout, step.contact.coupling),
+        has_power_laws=_has_power_laws(layout),
         nominal_stiffness=nominal_stiffness(layout),
         nominal_barrier=np.array([offset(contact, point) for contact, point in contacts]),
         tolerance=accuracy.tolerance,
@@ -228,11 +232,17 @@ def _contact(layout: Layout, step: StepCoefficients, accuracy: Accuracy, variabl
     )
 
 
-def _external_force(layout: Layout, samplerate: float, seconds: float, accuracy: Accuracy) -> ExternalForce | None:
-    """Return the external forces of a layout; None without any."""
+def _has_power_laws(layout: Layout) -> np.ndarray:
+    """Return 1 for each island whose contacts have no law but that of a power."""
+    has = np.array([layout.touching[k].has_power_law for k, _ in layout.islands.contact_points])
+    return np.array([has[first:last].all() for first, last in pairwise(layout.islands.contact_begins)], np.int64)
+
+
+def _external_force(layout: Layout, samplerate: float, seconds: float, accuracy: Accuracy) -> ExternalForce:
+    """Return the external forces of a layout; ABSENT without any."""
     forces = layout.islands.forces
     if not forces:
-        return None
+        return ABSENT
     tables = [_force_table(layout.scene, force, samplerate, seconds, accuracy) for force in forces]
     begins = begins_of([table.values.size for table in tables])
     # the number of the point that strings drive by each force, -1 for other forces
@@ -244,7 +254,7 @@ def _external_force(layout: Layout, samplerate: float, seconds: float, accuracy:
         table_end=begins[1:],
         table=np.concatenate([table.values for table in tables]),
         tail=np.array([table.tail for table in tables]),
-        drive=driven if np.any(driven >= 0) else None,
+        drive=driven if np.any(driven >= 0) else ABSENT,
     )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from engine.arithmetic.elementary import square
 from engine.arithmetic.products import product
+from engine.assembly.array_memory import ABSENT
 from engine.assembly.connection_coordinates import used_connections
 from engine.assembly.contact_reach import contact_reach, contact_reach_by_forces
 from engine.assembly.coordinates import Coordinate, Coordinates, IslandFactors, find_factors
@@ -75,11 +76,11 @@ def connection_coefficients(
     factors: Sequence[IslandFactors | None],
     motions: Sequence[ContactMotion],
     step_rate: float,
-) -> ConnectionCoefficients | None:
-    """Return the coefficients of all connections of a layout; None without any. factors, motions: of each island"""
+) -> ConnectionCoefficients:
+    """Return the coefficients of all connections of a layout; ABSENT without any. factors, motions: of each island"""
     parts = layout.points.connection_parts
     if not parts:
-        return None
+        return ABSENT
     present = [of_island for of_island in factors if of_island is not None]
     items = [item for coordinates in layout.islands.coordinates for item in coordinates.items]
     return ConnectionCoefficients(
@@ -95,20 +96,20 @@ def connection_coefficients(
     )
 
 
-def connections(layout: Layout, samplerate: float, step: StepCoefficients, is_refined: bool) -> Connections | None:
-    """Return the connections of a layout; None without any.
+def connections(layout: Layout, samplerate: float, step: StepCoefficients, is_refined: bool) -> Connections:
+    """Return the connections of a layout; ABSENT without any.
 
     step:       coefficients of a sample that is one step
     is_refined: True if samples are made of stages
     """
     parts, of_islands = layout.points.connection_parts, layout.islands.coordinates
     if not parts:
-        return None
+        return ABSENT
     unconnected = np.ones(layout.modes.omega.size)
     for b in layout.islands.coordinates_of_body:
         unconnected[layout.modes.of_body[b]] = 0.0
     # their modes have neither weight nor loss in the drift
-    is_plain = np.array([step.drag is None and not layout.modes.weight[m].any() for m in layout.modes.of_island])
+    is_plain = np.array([step.drag is ABSENT and not layout.modes.weight[m].any() for m in layout.modes.of_island])
     return Connections(
         rows=mode_shape_rows([part.row for part in parts]),
         coordinate=np.array([part.coordinate for part in parts], np.int64),

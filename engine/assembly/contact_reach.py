@@ -10,6 +10,7 @@ from engine.arithmetic.elementary import square
 from engine.arithmetic.linear import solve
 from engine.arithmetic.plain_numbers import power
 from engine.arithmetic.products import product
+from engine.assembly.array_memory import ABSENT
 from engine.assembly.contact_points import BodyPoint, contact_sides, offset
 from engine.assembly.coordinates import Coordinates
 from engine.assembly.external_forces import acting_forces
@@ -107,8 +108,8 @@ def _modes_after_push(step: StepCoefficients, inside: slice) -> np.ndarray:
     """Return the displacement of modes in each sample of a flight, per newton on their mode shapes in the first step
     [modes, samples]."""
     kick, drift = step.kick[inside], step.drift[inside]
-    spring = np.zeros(kick.size) if step.spring_kick is None else step.spring_kick[inside]
-    decay = np.ones(kick.size) if step.loss is None else step.loss.decay_factor[inside]
+    spring = np.zeros(kick.size) if step.spring_kick is ABSENT else step.spring_kick[inside]
+    decay = np.ones(kick.size) if step.loss is ABSENT else step.loss.decay_factor[inside]
     q, p, moved = np.zeros(kick.size), np.zeros(kick.size), np.zeros((FLIGHT_FRAMES, kick.size))
     for n in range(FLIGHT_FRAMES):
         push = kick if n == 0 else 0.0

@@ -6,14 +6,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.arithmetic.plain_numbers import exp
+from engine.assembly.array_memory import ABSENT
 from engine.assembly.coordinates import stiffness_beside
 from engine.assembly.external_forces import find_pluck_point
 from engine.assembly.layout import Layout
 from engine.kernel.data.enums import FRICTION_EVENTS, NO_END, UNUSED_SLOT, EventKind
 from engine.kernel.data.model import Events
 from engine.patch.frames import nearest_frame
-from engine.patch.friction import CHANGED_KEYS as FRICTION_KEYS
 from engine.patch.friction import Friction
+from engine.patch.live_parameters import GLIDED_KEYS
 from engine.patch.tables import ChangeEvent, DampEvent, Event, LiftEvent, PluckEvent, StrikeEvent
 
 
@@ -45,8 +46,8 @@ class EventRow(NamedTuple):
 
 def event_table(
     layout: Layout, stiffness: np.ndarray, samplerate: float, capacity: int = 0
-) -> tuple[Events | None, np.ndarray]:
-    """Return the events of a layout, or None without any, and the number of events of each island.
+) -> tuple[Events, np.ndarray]:
+    """Return the events of a layout, or ABSENT without any, and the number of events of each island.
 
     stiffness: of each contact point, N/m^α; events give multiples of it
     capacity:  number of free slots on each island for further events
@@ -59,7 +60,7 @@ def event_table(
     values = np.repeat(np.array([row.values for row in rows + slots], float), times, axis=0)
     counts = np.bincount(whole[:, 1], minlength=len(islands))
     if not len(whole):
-        return None, counts
+        return ABSENT, counts
     order = np.lexsort((whole[:, 4], whole[:, 1]))  # by island, then by time
     kind, _, target_begin, target_end, start, length = whole[order].T.copy()
     return Events(kind, start, start + length, target_begin, target_end, *values[order].T.copy()), counts
@@ -160,7 +161,7 @@ def _change_friction(layout: Layout, event: ChangeEvent, samplerate: float) -> l
     offset = int(layout.islands.contact_begins[island])
     first, last = slots[0] - offset, slots[-1] + 1 - offset
     start, length = _frames(event, samplerate)
-    kinds = zip(FRICTION_EVENTS, FRICTION_KEYS, strict=True)
+    kinds = zip(FRICTION_EVENTS, GLIDED_KEYS["friction"], strict=True)
     values = [(kind, getattr(event, key)) for kind, key in kinds]
     return [EventRow(kind, island, first, last, start, length, value) for kind, value in values if value is not None]
 

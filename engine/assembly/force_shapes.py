@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from engine.assembly.array_memory import ABSENT
 from engine.assembly.external_forces import PluckPoint, force_ends, raise_sine
 from engine.assembly.islands import begins_of
 from engine.assembly.one_way_drive import DriveForce
@@ -37,10 +38,10 @@ TABLE = ForceShape(ForceKind.TABLE, [0.0] * 6, [], np.zeros(0))
 
 def force_shapes(
     forces: list[Force | PluckPoint | DriveForce], samplerate: float, seconds: float, accuracy: Accuracy
-) -> ForceShapes | None:
-    """Return the forces of a layout as functions of time; None without any. seconds: of the sound"""
+) -> ForceShapes:
+    """Return the forces of a layout as functions of time; ABSENT without any. seconds: of the sound"""
     if not forces:
-        return None
+        return ABSENT
     shapes = [force_shape(force, samplerate, seconds, accuracy) for force in forces]
     envelopes = begins_of([len(shape.envelope) for shape in shapes])
     points = np.array([point for shape in shapes for point in shape.envelope]).reshape(-1, 2)

@@ -13,6 +13,7 @@ import numpy as np
 from engine.arithmetic.double_double import Pair, add, as_pair, multiply
 from engine.arithmetic.elementary import square
 from engine.arithmetic.products import product
+from engine.assembly.array_memory import ABSENT
 from engine.assembly.mode_shape_rows import place_entries
 from engine.assembly.pickup_points import HeardPoint
 from engine.kernel.data.enums import FLIGHT_FRAMES, FLIGHT_PART, Quantity
@@ -32,7 +33,7 @@ Q, P, W = 0, 1, 2  # rows and columns of a linear map [rows, columns, modes] of 
 def build_free_flight(
     step: StepCoefficients,
     omega: np.ndarray,
-    weight: np.ndarray | None,
+    weight: np.ndarray,
     pickups: Sequence[HeardPoint],
     samplerate: float,
 ) -> FreeFlight:
@@ -42,7 +43,7 @@ def build_free_flight(
     pickups:       in the order of the model
     """
     span, is_free = FLIGHT_FRAMES / samplerate, omega == 0.0
-    single, lost = map_of_step(step, has_weight=weight is not None)
+    single, lost = map_of_step(step, has_weight=weight is not ABSENT)
     power, frames = single, 1
     part = single
     while frames < FLIGHT_FRAMES:
@@ -56,10 +57,10 @@ def build_free_flight(
         part=FreeMotion(*free_entries(part.high)),
         bound_per_speed=np.minimum(span, 2 / np.where(is_free, 1 / span, omega)),
         bound_per_weight=np.where(is_free, 0.5 * square(span), 0.0),
-        loss=FlightLoss(lost[Q, Q], 2 * lost[Q, P], lost[P, P]) if lost.any() else None,
-        weight=None
-        if weight is None
-        else flight_weight(power, lost, weight, pickup_values_of_weight(single.high, weight, pickups)),
+        loss=FlightLoss(lost[Q, Q], 2 * lost[Q, P], lost[P, P]) if lost.any() else ABSENT,
+        weight=flight_weight(power, lost, weight, pickup_values_of_weight(single.high, weight, pickups))
+        if weight is not ABSENT
+        else ABSENT,
         pickup_tables=pickup_tables(single.high, pickups),
     )
 
@@ -76,11 +77,11 @@ def map_of_step(step: StepCoefficients, has_weight: bool) -> tuple[Pair, np.ndar
         return add(row, multiply(as_pair(factor), other))
 
     def kick(p: Pair) -> Pair:
-        p = p if step.spring_kick is None else add_times(p, -step.spring_kick, q)
+        p = p if step.spring_kick is ABSENT else add_times(p, -step.spring_kick, q)
         return add_times(p, step.kick, w[0]) if w else p
 
-    def lose(loss: ModalLoss | None, p: Pair) -> Pair:
-        if loss is None:
+    def lose(loss: ModalLoss, p: Pair) -> Pair:
+        if loss is ABSENT:
             return p
         lost[...] += loss.dissipation_factor * p.high[:, None] * p.high[None, :]
         return multiply(as_pair(loss.decay_factor), p)

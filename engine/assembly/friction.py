@@ -1,28 +1,34 @@
-"""Points of friction, which lie among those of contacts (engine.kernel.interactions.friction)."""
+"""Points of friction, which lie among those of contacts (engine.kernel.contact.friction_points)."""
 
 from itertools import pairwise
 
 import numpy as np
 
 from engine.arithmetic.elementary import square
+from engine.assembly.array_memory import ABSENT
 from engine.assembly.layout import Layout
 from engine.faults import BuildError, Fault
 from engine.kernel.data import model
-from engine.kernel.data.enums import Sliding
+from engine.kernel.data.enums import LAW_NUMBERS, Sliding
 from engine.patch.accuracy import Accuracy
-from engine.patch.friction import CHANGED_KEYS, DAMPING_TIME, Friction
+from engine.patch.friction import DAMPING_TIME, Friction
+from engine.patch.live_parameters import GLIDED_KEYS
 from engine.patch.scene import Scene
 
 MIXING = 1e-3  # of the compliance of two points: less is no motion, as at an angle of 1.571 between them
 
 
 def check_order(scene: Scene, accuracy: Accuracy) -> None:
-    """Raise BuildError if steps are to go back in time, in which friction would give energy."""
-    if scene.friction and accuracy.order > 2:
-        message = f"friction has order 2, not {accuracy.order}: some steps of that order go back in time"
-        raise BuildError(
-            Fault("friction[0]", f"{message}, in which it would give energy; give substeps or a max_error")
-        )
+    """Raise BuildError if steps are to go back in time, in which a law that takes energy would give it."""
+    if accuracy.order <= 2:
+        return
+    for section in ("friction", "contact"):
+        for n, table in enumerate(getattr(scene, section)):
+            if not table.has_power_law:
+                message = f"{section} has order 2, not {accuracy.order}: some steps of that order go back in time"
+                raise BuildError(
+                    Fault(f"{section}[{n}]", f"{message}, in which it would give energy; give substeps or a max_error")
+                )
 
 
 def friction_points(layout: Layout) -> dict[int, Friction]:
@@ -31,11 +37,11 @@ def friction_points(layout: Layout) -> dict[int, Friction]:
     return {slot: table for slot, table in tables if isinstance(table, Friction)}
 
 
-def friction(layout: Layout, coupling: np.ndarray | None) -> model.Friction | None:
-    """Return the points of friction of a layout; None without any. coupling: B of each island, m/N"""
+def friction(layout: Layout, coupling: np.ndarray) -> model.Friction:
+    """Return the points of friction of a layout; ABSENT without any. coupling: B of each island, m/N, or ABSENT"""
     points, begins = friction_points(layout), layout.islands.contact_begins
     if not points:
-        return None
+        return ABSENT
     island_of = np.repeat(np.arange(begins.size - 1), np.diff(begins))
     pressed_by, is_present = np.full(begins[-1], -1), np.zeros(begins.size - 1, np.int64)
     before: dict[int, int] = {}  # points of a table, so far
@@ -50,10 +56,10 @@ def friction(layout: Layout, coupling: np.ndarray | None) -> model.Friction | No
     return model.Friction(pressed_by, is_present, np.array(is_apart, np.int64))
 
 
-def _blocks(begins: np.ndarray, coupling: np.ndarray | None) -> list[np.ndarray]:
+def _blocks(begins: np.ndarray, coupling: np.ndarray) -> list[np.ndarray]:
     """Return B of each island [contacts, contacts], m/N; zeros where no island has several contacts."""
     counts = np.diff(begins)
-    if coupling is None:
+    if coupling is ABSENT:
         return [np.zeros((count, count)) for count in counts]
     parts = np.split(coupling, np.cumsum(square(counts))[:-1])
     return [part.reshape(count, count) for part, count in zip(parts, counts, strict=True)]
@@ -73,14 +79,12 @@ def _slots_of_contact(layout: Layout, name: str) -> list[int]:
     return [slot for slot, (k, _) in points if k < len(contacts) and contacts[k].name == name]
 
 
-def initial_friction(layout: Layout) -> np.ndarray | None:
-    """Return the numbers of all points at time 0 [contacts, Sliding]; None without friction."""
-    points = friction_points(layout)
-    if not points:
-        return None
-    numbers = np.zeros((len(layout.islands.contact_points), len(Sliding)))
-    for slot, table in points.items():
-        numbers[slot, : len(CHANGED_KEYS)] = [getattr(table, key) or 0.0 for key in CHANGED_KEYS]
+def initial_law_numbers(layout: Layout) -> np.ndarray:
+    """Return State.law_numbers at time 0: those of points of friction [contacts, LAW_NUMBERS]."""
+    numbers = np.zeros((len(layout.islands.contact_points), LAW_NUMBERS))
+    for slot, table in friction_points(layout).items():
+        values = [getattr(table, key) or 0.0 for key in GLIDED_KEYS["friction"]]
+        numbers[slot, : len(values)] = values
         numbers[slot, Sliding.PRESS] = table.force or 0.0
         numbers[slot, Sliding.DAMPING_TIME] = damping_time(table)
         numbers[slot, Sliding.VISCOUS] = table.viscous

@@ -5,9 +5,10 @@ from itertools import pairwise
 import numpy as np
 
 from engine.arithmetic.products import product
-from engine.assembly.array_memory import allocate
+from engine.assembly.array_memory import ABSENT, allocate
 from engine.assembly.connections import lowest_energies
-from engine.assembly.friction import friction_points, initial_friction
+from engine.assembly.felt import add_felt_numbers
+from engine.assembly.friction import friction_points, initial_law_numbers
 from engine.assembly.layout import Layout
 from engine.assembly.mode_shape_rows import ShapeRow
 from engine.assembly.tension import initial_tension
@@ -32,7 +33,7 @@ def initial_state(layout: Layout, model: Model) -> State:
     them."""
     counts, modes, contact = item_counts(model), layout.modes, model.contact
     given: dict[str, np.ndarray] = {}
-    if contact is not None:
+    if contact is not ABSENT:
         closed = [point.stiffness > 0.0 for _, point in layout.islands.contact_points]
         exponent = np.array([layout.touching[k].exponent for k, _ in layout.islands.contact_points])
         given["exponent"] = exponent
@@ -41,8 +42,10 @@ def initial_state(layout: Layout, model: Model) -> State:
         given["compression"] = _initial_compressions(layout) - given["barrier"]
         for slot in friction_points(layout):
             given["compression"][slot] = 0.0  # of the bristle
-    coupling = model.step.contact is not None and model.step.contact.coupling is not None
+    coupling = model.step.contact is not ABSENT and model.step.contact.coupling is not ABSENT
     largest = int(np.diff(model.islands.contact).max())
+    numbers = initial_law_numbers(layout)
+    add_felt_numbers(layout, model.samplerate, numbers)
     state: State = allocate(
         State,
         counts,
@@ -51,22 +54,21 @@ def initial_state(layout: Layout, model: Model) -> State:
         previous_velocity=np.array(
             [product(heard.row.phi, modes.p[heard.row.modes]) for heard in layout.points.pickups]
         ),
-        drive=np.zeros((counts[Axis.DRIVE], DRIVE_FRAMES)) if model.drive is not None else None,
-        connection=_initial_connections(layout, counts) if model.connection is not None else None,
-        tension=initial_tension(layout, model.tension, counts) if model.tension is not None else None,
-        scratch=allocate_scratch(counts[Axis.PARTITION], largest) if coupling else None,
-        refinement=_initial_refinement(counts, bool(layout.scene.friction)) if model.refinement is not None else None,
+        drive=np.zeros((counts[Axis.DRIVE], DRIVE_FRAMES)) if model.drive is not ABSENT else ABSENT,
+        connection=_initial_connections(layout, counts) if model.connection is not ABSENT else ABSENT,
+        tension=initial_tension(layout, model.tension, counts) if model.tension is not ABSENT else ABSENT,
+        scratch=allocate_scratch(counts[Axis.PARTITION], largest) if coupling else ABSENT,
+        refinement=_initial_refinement(counts) if model.refinement is not None else None,
         flight=allocate(FreeFlightState, counts),
-        friction=initial_friction(layout),
+        law_numbers=numbers,
         **given,
     )
     return state
 
 
-def _initial_refinement(counts: dict[Axis, int], with_friction: bool) -> RefinementState:
+def _initial_refinement(counts: dict[Axis, int]) -> RefinementState:
     """Return the state of refined samples at time 0."""
-    saved = {} if with_friction else {"friction": None}
-    refinement: RefinementState = allocate(RefinementState, counts, saved=allocate(SavedMotion, counts, **saved))
+    refinement: RefinementState = allocate(RefinementState, counts, saved=allocate(SavedMotion, counts))
     return refinement
 
 
@@ -95,8 +97,8 @@ def item_counts(model: Model) -> dict[Axis, int]:
     """Return the number of items of each axis in a model."""
     islands = model.islands
     counts = {Axis(axis): int(begins[-1]) for axis, begins in islands._asdict().items() if axis in AXES}
-    events = 0 if model.events is None else model.events.kind.size
-    counts[Axis.DRIVE] = 0 if model.drive is None else model.drive.island.size
+    events = 0 if model.events is ABSENT else model.events.kind.size
+    counts[Axis.DRIVE] = 0 if model.drive is ABSENT else model.drive.island.size
     counts |= {Axis.ISLAND: islands.mode.size - 1, Axis.PARTITION: islands.partition.size - 1, Axis.EVENT: events}
     return counts
 

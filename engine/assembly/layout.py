@@ -59,6 +59,7 @@ def segment_arrays(layout: Layout, event_counts: np.ndarray, pair_counts: Sequen
         Axis.EVENT: event_counts,
         Axis.PICKUP: layout.count_by_island(heard.pickup.body for heard in points.pickups),
         Axis.BODY: [len(bodies) for bodies in islands.bodies],
+        Axis.HEAVY_MODE: [m.stop - m.start if layout.modes.weight[m].any() else 0 for m in layout.modes.of_island],
         Axis.FREE_MASS: [np.count_nonzero(layout.modes.is_free[modes]) for modes in layout.modes.of_island],
     }
     partition = partition_islands(estimate_cost(islands.mode_counts, contacts))

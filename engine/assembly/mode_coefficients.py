@@ -8,6 +8,7 @@ import numpy as np
 from engine.arithmetic.double_double import two_product
 from engine.arithmetic.elementary import cosh, exp, expm1, sin, sin_and_cos, sinh, square, tanh
 from engine.arithmetic.plain_numbers import whole_power
+from engine.assembly.array_memory import ABSENT
 from engine.assembly.modes import Modes
 from engine.faults import BuildError, Fault
 from engine.kernel.data.model import ModalLoss
@@ -22,8 +23,8 @@ class ModeCoefficients(NamedTuple):
 
     kick: np.ndarray  # t [modes], s
     drift: np.ndarray  # v [modes], s
-    loss: ModalLoss | None  # at either end
-    drag: ModalLoss | None  # in the drift
+    loss: ModalLoss  # at either end; or ABSENT
+    drag: ModalLoss  # in the drift; or ABSENT
 
 
 def midpoint_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
@@ -217,7 +218,7 @@ def mode_coefficients(modes: Modes, samplerate: float, accuracy: Accuracy, has_d
     kick, drift = np.empty((2, omega.size))
     kick[~damped], drift[~damped] = SCHEMES[accuracy.scheme](omega[~damped], sigma[~damped], h)
     coefficients = add_loss(kick, drift, modes, damped, h)
-    return coefficients if sigma.any() or has_dampers else coefficients._replace(loss=None)
+    return coefficients if sigma.any() or has_dampers else coefficients._replace(loss=ABSENT)
 
 
 def add_loss(
@@ -230,7 +231,7 @@ def add_loss(
     """
     decay = exp(-modes.sigma * length * h)
     if not damped.any():
-        return ModeCoefficients(kick, drift, end_loss(decay), None)
+        return ModeCoefficients(kick, drift, end_loss(decay), ABSENT)
     drag, dragged = np.ones(decay.size), np.zeros(decay.size)
     values = damped_coefficients(modes.omega[damped], modes.sigma[damped], length * h)
     kick[damped], drift[damped], decay[damped], drag[damped], dragged[damped] = values

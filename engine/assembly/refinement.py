@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from engine.arithmetic.elementary import square
+from engine.assembly.array_memory import ABSENT
 from engine.assembly.force_shapes import force_shapes
 from engine.assembly.layout import Layout
 from engine.assembly.one_way_drive import DriveForce
@@ -39,11 +40,11 @@ def build_refinement(
         return None
     omega, sigma, h = layout.modes.omega, layout.modes.sigma, 1.0 / samplerate
     is_high, has_high_kernel = accuracy.order > 2, (finest or accuracy).order > 2
-    contact_loss = _contact_loss(layout, h / accuracy.substeps, is_high) if has_high_kernel else None
+    contact_loss = _contact_loss(layout, h / accuracy.substeps, is_high) if has_high_kernel else ABSENT
     kinds_of_levels, stages = list[list[Stage]](), list[StepCoefficients]()
     for level in range(accuracy.levels + 1):
         kinds = step_stages(accuracy, level)
-        if contact_loss is not None and is_high:
+        if contact_loss is not ABSENT and is_high:
             kinds += step_stages(accuracy.replace(order=2), level)
         kinds = list(dict.fromkeys(kinds))
         kinds_of_levels.append(kinds)
@@ -51,21 +52,21 @@ def build_refinement(
         for kind, modes in zip(kinds, stage_coefficients(layout.modes, kinds, accuracy, h, steps), strict=True):
             stages.append(step_coefficients(layout, modes, samplerate, kind.length, kind.loss is StageLoss.ALL))
     kinds = kinds_of_levels[0]
-    in_solve = step_stages(accuracy.replace(order=2)) if contact_loss is not None and is_high else []
-    loses_between = contact_loss is not None or (has_high_kernel and _is_damped(layout))
+    in_solve = step_stages(accuracy.replace(order=2)) if contact_loss is not ABSENT and is_high else []
+    loses_between = contact_loss is not ABSENT or (has_high_kernel and _is_damped(layout))
     return Refinement(
         stages=stack(stages),
         contact_loss=contact_loss,
         sequence=np.array([kinds.index(kind) for kind in step_stages(accuracy)]),
         sequence_in_solve=np.array([kinds.index(kind) for kind in in_solve], np.int64),
-        loss_before=h * loss_times(accuracy) if loses_between else None,
-        loss_after=h * loss_times(accuracy)[::-1] if loses_between else None,
+        loss_before=h * loss_times(accuracy) if loses_between else ABSENT,
+        loss_after=h * loss_times(accuracy)[::-1] if loses_between else ABSENT,
         damper_share=damper_shares(accuracy),
         force=force_shapes(layout.islands.forces, samplerate, seconds, accuracy),
         length=np.array([kind.length for kinds in kinds_of_levels for kind in kinds]),
         steps=accuracy.substeps,
         kinds=len(kinds),
-        adaptive=adaptive_steps(accuracy) if (finest or accuracy).max_error is not None else None,
+        adaptive=adaptive_steps(accuracy) if (finest or accuracy).max_error is not None else ABSENT,
         refine_free_flight=accuracy.scheme != "exact",
         # |f''|·h²/8 bounds how far f strays from its chord; f'' is that of damped vibration, or of a coasting mass
         chord_deviation=np.where(
@@ -115,12 +116,14 @@ def damper_shares(accuracy: Accuracy) -> np.ndarray:
     return np.array([0.5 / accuracy.substeps - within, within]) / doublings
 
 
-def _contact_loss(layout: Layout, step: float, acts: bool) -> ContactLoss | None:
-    """Return the contact loss between stages, which is 0 if `acts` is False; None if no contact has loss. step: length
-    of a substep, s"""
+def _contact_loss(layout: Layout, step: float, acts: bool) -> ContactLoss:
+    """Return the contact loss between stages, which is 0 if `acts` is False; ABSENT if no contact has loss.
+
+    step: length of a substep, s
+    """
     loss = np.array([layout.touching[k].loss for k, _ in layout.islands.contact_points])
     if not loss.any():
-        return None
+        return ABSENT
     mobility = np.concatenate([np.sum(square(shapes.phi), axis=1) for shapes in layout.points.contact_shapes])
     loss[(mobility == 0.0) | (not acts)] = 0.0
     return ContactLoss(loss, mobility, loss * mobility * step / (2 * MAX_LOSS_IN_STEP))

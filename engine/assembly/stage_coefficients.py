@@ -15,6 +15,7 @@ import numpy as np
 
 from engine.arithmetic import plain_numbers
 from engine.arithmetic.elementary import exp, sin, sin_and_cos, square, tan
+from engine.assembly.array_memory import ABSENT
 from engine.assembly.mode_coefficients import ModeCoefficients, add_loss, end_loss, exact_motion
 from engine.assembly.modes import Modes
 from engine.kernel.data.model import ModalLoss
@@ -44,11 +45,11 @@ def stage_coefficients(
             kick[omega > 0.0] = tan(omega * kick)[omega > 0.0] / omega[omega > 0.0]
         drift = 2 * kick / (1 + square(omega * kick))
         if not sigma.any():
-            coefficients.append(ModeCoefficients(kick, drift, None, None))
+            coefficients.append(ModeCoefficients(kick, drift, ABSENT, ABSENT))
         elif kind.loss is StageLoss.ALL:
             coefficients.append(add_loss(kick, drift, modes, damped, h, kind.length))
         else:
-            drag = ModalLoss(np.ones(omega.size), np.zeros(omega.size)) if damped.any() else None
+            drag = ModalLoss(np.ones(omega.size), np.zeros(omega.size)) if damped.any() else ABSENT
             loss = end_loss(exp(-sigma * step * loss_share(kind.loss, stages, share)))
             coefficients.append(ModeCoefficients(kick, drift, loss, drag))
     return coefficients

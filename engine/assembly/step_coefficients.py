@@ -11,6 +11,7 @@ import numpy as np
 
 from engine.arithmetic.double_double import two_product
 from engine.arithmetic.elementary import square
+from engine.assembly.array_memory import ABSENT
 from engine.assembly.connections import ContactMotion, all_factors, connection_coefficients, contact_motions
 from engine.assembly.coordinates import IslandFactors
 from engine.assembly.layout import Layout
@@ -66,13 +67,13 @@ def step_coefficients(
     return StepCoefficients(
         kick=modes.kick,
         drift=modes.drift,
-        spring_kick=modes.kick * square(omega) if omega.any() else None,
-        weight_kick=modes.kick * weight if weight.any() else None,
+        spring_kick=modes.kick * square(omega) if omega.any() else ABSENT,
+        weight_kick=modes.kick * weight if weight.any() else ABSENT,
         loss=modes.loss,
         drag=modes.drag,
         connection=connection_coefficients(layout, modes, factors, motions, rate),
-        contact=contact_coefficients(layout, modes, factors, motions, rate) if layout.points.contacts else None,
-        force=row_coefficients(forces, modes.kick, modes.drift) if forces else None,
+        contact=contact_coefficients(layout, modes, factors, motions, rate) if layout.points.contacts else ABSENT,
+        force=row_coefficients(forces, modes.kick, modes.drift) if forces else ABSENT,
     )
 
 
@@ -93,25 +94,24 @@ def contact_coefficients(
     ours, theirs = zip(*layout.points.contacts, strict=True)
     return ContactCoefficients(
         rows=row_coefficients(ours, modes.kick, modes.drift),
-        other_rows=row_coefficients(theirs, modes.kick, modes.drift) if any(row.phi.size for row in theirs) else None,
+        other_rows=row_coefficients(theirs, modes.kick, modes.drift) if any(row.phi.size for row in theirs) else ABSENT,
         compliance=np.concatenate([np.diag(m) for m in matrices]),
         compliance_low=low,
-        loss_rate=loss * rate if loss.any() else None,
-        coupling=np.concatenate([m.ravel() for m in matrices]) if any(m.size > 1 for m in matrices) else None,
-        duration=np.full(loss.size, 1 / rate) if layout.scene.friction else None,
+        loss_rate=loss * rate if loss.any() else ABSENT,
+        coupling=np.concatenate([m.ravel() for m in matrices]) if any(m.size > 1 for m in matrices) else ABSENT,
+        duration=np.full(loss.size, 1 / rate) if layout.scene.friction else ABSENT,
         only_kick_phi=_kicks_by_only_contacts(layout, modes),
     )
 
 
-def _kicks_by_only_contacts(layout: Layout, modes: ModeCoefficients) -> np.ndarray | None:
-    """Return t·Φ of the modes of islands with one contact and no connection, and zeros elsewhere [modes]; None if there
-    is no such island."""
-    phi, found = np.zeros(modes.kick.size), False
+def _kicks_by_only_contacts(layout: Layout, modes: ModeCoefficients) -> np.ndarray:
+    """Return t·Φ of the modes of islands with one contact and no connection, and zeros elsewhere [modes]."""
+    phi = np.zeros(modes.kick.size)
     for n, inside in enumerate(layout.modes.of_island):
         shapes = layout.points.contact_shapes[n].phi
         if len(shapes) == 1 and not layout.islands.coordinates[n].items:
-            phi[inside], found = shapes[0], True
-    return modes.kick * phi if found else None
+            phi[inside] = shapes[0]
+    return np.asarray(modes.kick * phi)
 
 
 def stack(records: Sequence[Any]) -> Any:
@@ -119,6 +119,6 @@ def stack(records: Sequence[Any]) -> Any:
     first = records[0]
     if isinstance(first, np.ndarray):
         return np.array(records)
-    if first is None:
-        return None
+    if first is ABSENT:
+        return ABSENT
     return type(first)(*(stack(items) for items in zip(*records, strict=True)))

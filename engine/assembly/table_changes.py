@@ -27,10 +27,10 @@ from engine.assembly.table_exchange import (
 from engine.kernel.data.axes import map_arrays
 from engine.kernel.data.model import Model
 from engine.patch.frames import nearest_frame
-from engine.patch.live_parameters import OUTPUT, LivePath, check_range, live_paths, value_at, with_value
+from engine.patch.live_parameters import OUTPUT, LivePath, check_range, value_at, with_value
 from engine.patch.live_ranges import FACTORS, LiveRange, live_range
 from engine.patch.scene import Scene
-from engine.patch.tables import ChangeEvent, Pickup
+from engine.patch.tables import Pickup
 
 TABLE_STEP_SECONDS = 0.005  # the shortest step in which tables glide …
 LEVEL_STEP_SECONDS = 0.0005  # … and levels of pickups …
@@ -58,14 +58,14 @@ class Exchange(NamedTuple):
     why: str = "set"  # who asked for it: `set`, or the `score`
 
 
-class Reach(NamedTuple):
+class WrittenTables(NamedTuple):
     """The tables of islands, and the levels of pickups, that a change writes to."""
 
     island: int  # the first whose tables change …
     islands: int  # … and how many do
     pickups: frozenset[int]
 
-    def meets(self, other: "Reach") -> bool:
+    def meets(self, other: "WrittenTables") -> bool:
         """True if both write to the same."""
         islands = max(self.island, other.island) < min(self.island + self.islands, other.island + other.islands)
         return islands or bool(self.pickups & other.pickups)
@@ -78,7 +78,7 @@ class PlannedChange:
     values: tuple[NewValue, ...]
     seconds: float
     frame: int
-    reach: Reach
+    written: WrittenTables
     why: str
     thread: int  # that asked for it
     note: int  # that it belongs to; 0: none
@@ -186,8 +186,8 @@ class TableChanges:
         self, values: Sequence[NewValue], seconds: float, frame: int, thread: int, why: str = "set", note: int = 0
     ) -> PlannedChange:
         """Plan that parameters glide to values from a frame on. thread: that asks for it; note: that it belongs to"""
-        reach = self._reach([new.path for new in values])
-        change = PlannedChange(tuple(values), seconds, frame, reach, why, thread, note, count_steps(values, seconds))
+        written = self._find_written([new.path for new in values])
+        change = PlannedChange(tuple(values), seconds, frame, written, why, thread, note, count_steps(values, seconds))
         self._push(Step(frame, next(self._orders), 0, change))
         return change
 
@@ -232,12 +232,12 @@ class TableChanges:
             if exchange is not None:
                 yield exchange
 
-    def withdraw(self, reach: Reach, frame: int, can_withdraw: Callable[[Exchange], bool]) -> None:
+    def withdraw(self, written: WrittenTables, frame: int, can_withdraw: Callable[[Exchange], bool]) -> None:
         """Plan the steps again that are made for later than a frame and write to the same as a change that comes before
         them. can_withdraw: tells whether an exchange is not made yet by who makes it, and forbids it then"""
         for n in range(len(self._made) - 1, -1, -1):
             made = self._made[n]
-            if made.step.due <= frame or not made.step.change.reach.meets(reach):
+            if made.step.due <= frame or not made.step.change.written.meets(written):
                 continue  # those of other islands may be made in another order than that of their frames
             if made.exchange is not None and not can_withdraw(made.exchange):
                 return
@@ -260,7 +260,7 @@ class TableChanges:
         """Forget the changes of a note that do not begin before a frame. can_withdraw: as of `withdraw`"""
         for change in {made.step.change for made in self._made if made.step.change.note == note}:
             if change.frame >= frame:
-                self.withdraw(change.reach, frame - 1, can_withdraw)
+                self.withdraw(change.written, frame - 1, can_withdraw)
         self._planned = [
             step for step in self._planned if step.change.note != note or step.number > 0 or step.due < frame
         ]
@@ -326,7 +326,8 @@ class TableChanges:
 
     def _exchange(self, step: Step, values: tuple[NewValue, ...], newest: dict[str, PlannedChange | None]) -> Exchange:
         """Make the tables of values, and return their exchange."""
-        scene, reach = self._with_values(values), self._reach([new.path for new in values])  # as a replay knows them
+        scene = self._with_values(values)  # as a replay knows them
+        written = self._find_written([new.path for new in values])
         if all(new.path.is_level for new in values):
             paths = {new.path.section if new.path.section == OUTPUT else new.path: new.path for new in values}
             parts = [part for path in paths.values() for part in self._level_parts(scene, path)]
@@ -335,13 +336,13 @@ class TableChanges:
             after = self._build(scene)
             parts = find_varying_parts(self._targets, [self._known, after])
             self.layout = self._latest
-            copies = copy_parts(self._targets, self._state, after, parts, (reach.island, reach.islands))
+            copies = copy_parts(self._targets, self._state, after, parts, (written.island, written.islands))
         undo = [(part.variants[0], part.variants[0].copy()) for part in parts]
         for part in parts:
             part.variants[0][:] = part.variants[-1]
         before = tuple(new._replace(value=self.value(new.path)) for new in values)
         self._scene = scene
-        exchange = Exchange(values, copies, reach.island, reach.islands, step.due, step.change.why)
+        exchange = Exchange(values, copies, written.island, written.islands, step.due, step.change.why)
         self._made.append(MadeStep(step, exchange, undo, before, newest))
         return exchange
 
@@ -357,8 +358,8 @@ class TableChanges:
                 continue
             possible.append(tuple(values))
             models.append(after)
-        reach = self._reach([new.path for values in variants for new in values])
-        span = reach.island, reach.islands
+        written = self._find_written([new.path for values in variants for new in values])
+        span = written.island, written.islands
         _, *copies = make_alternatives(self._targets, self._state, [self._known, *models], span)
         steps = [Exchange(values, one, *span, ANY_TIME) for values, one in zip(possible, copies, strict=True)]
         self._kept += steps
@@ -406,51 +407,19 @@ class TableChanges:
         factors = {channel: scene.output_gain(channel) for channel in set(channels)}
         return np.asarray(gains_alone * np.array([factors[channel] for channel in channels]))
 
-    def _reach(self, paths: Sequence[LivePath]) -> Reach:
+    def _find_written(self, paths: Sequence[LivePath]) -> WrittenTables:
         """Return what parameters write to."""
         layout, scene = self._layout, self._scene
         if all(path.section == OUTPUT for path in paths):
-            return Reach(0, 0, frozenset(range(len(scene.pickup))))
+            return WrittenTables(0, 0, frozenset(range(len(scene.pickup))))
         if any(path.section == "" for path in paths):
-            return Reach(0, len(layout.islands.bodies), frozenset(range(len(scene.pickup))))
+            return WrittenTables(0, len(layout.islands.bodies), frozenset(range(len(scene.pickup))))
         tables = [(path, getattr(scene, path.section)[path.number]) for path in paths]
         names = [table.name if path.section == "body" else table.body for path, table in tables]
         islands = [layout.islands.of_body[layout.body_index[name]] for name in names]
         only_levels = all(path.is_level for path in paths)
         pickups = frozenset(path.number for path in paths if path.section == "pickup")
-        return Reach(min(islands), 0 if only_levels else max(islands) - min(islands) + 1, pickups)
-
-
-class ScoredChange(NamedTuple):
-    """Changes of tables at one time of the score."""
-
-    frame: int
-    seconds: float  # that it glides
-    values: tuple[NewValue, ...]
-
-
-def scored_changes(scene: Scene, samplerate: float) -> list[ScoredChange]:
-    """Return the changes of tables in the score of a scene, in their order. Those of one time and duration are made
-    together."""
-    events = [e for e in scene.event if isinstance(e, ChangeEvent) and e.parameter is not None]
-    paths, together = live_paths(scene, True) if events else {}, dict[tuple[int, float], list[NewValue]]()
-    for event in events:
-        name, value = event.parameter or "", event.value or 0.0
-        new = NewValue(paths[name], name, value)
-        together.setdefault((nearest_frame(event.time, samplerate), event.duration), []).append(new)
-    return [ScoredChange(frame, seconds, tuple(values)) for (frame, seconds), values in together.items()]
-
-
-def plan_score(tables: TableChanges, scene: Scene) -> int:
-    """Plan the changes of tables in the score of a scene. Return how many steps they have."""
-    thread, changes = threading.get_ident(), scored_changes(scene, tables.samplerate)
-    return sum(tables.plan(one.values, one.seconds, one.frame, thread, SCORE).steps for one in changes)
-
-
-def scored_tables(scene: Scene, built: BuildResult, **options: Any) -> TableChanges | None:
-    """Return the changes of tables in the score of a scene; None without any. options: of TableChanges"""
-    tables = TableChanges(scene, built, **options)
-    return tables if plan_score(tables, scene) else None
+        return WrittenTables(min(islands), 0 if only_levels else max(islands) - min(islands) + 1, pickups)
 
 
 def glide_between(before: float, after: float, share: float) -> float:

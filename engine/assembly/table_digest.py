@@ -12,7 +12,7 @@ from engine.assembly.build import build
 from engine.files import SHIPPED_PATCHES
 from engine.kernel.data.enums import UNUSED_SLOT
 from engine.kernel.data.model import Events, Model
-from engine.kernel.data.state import State
+from engine.kernel.data.state import Scratch, State
 from engine.patch.scene import Scene
 
 DIGITS = 16
@@ -59,17 +59,18 @@ def read_shipped_digests() -> dict[str, str]:
 def _without_free_slots(model: Model) -> Model:
     """Return a Model without free slots for events, and without partitions."""
     islands, events = model.islands, model.events
-    used = np.zeros(0, np.bool_) if events is None else events.start != UNUSED_SLOT
+    used = events.start != UNUSED_SLOT
     begins = np.concatenate([[0], np.cumsum(used)])[islands.event]  # of the events that are used
-    if events is not None:
-        events = Events(*(array[used] for array in events)) if used.any() else None
+    events = Events(*(array[used] for array in events))
     return model._replace(islands=islands._replace(event=begins, partition=NOTHING), events=events)
 
 
 def _without_free_memory(state: State) -> State:
     """Return a State without what partitions and slots for events have."""
     flight = state.flight._replace(parts=NOTHING)
-    return state._replace(flight=flight, frame=NOTHING, glide_start=NOTHING, scratch=None)
+    return state._replace(
+        flight=flight, frame=NOTHING, glide_start=NOTHING, scratch=Scratch(*[NOTHING] * len(Scratch._fields))
+    )
 
 
 def _named_arrays(record: Any, name: str) -> Iterator[tuple[str, np.ndarray]]:

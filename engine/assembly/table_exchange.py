@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.kernel.data.axes import Axis
+from engine.kernel.data.effects import EFFECT_NAMES
 from engine.kernel.data.model import Islands, Model, StepCoefficients
 from engine.kernel.data.state import State
 
@@ -55,8 +56,16 @@ def find_varying_parts(target: Sequence[Model], variants: Sequence[Sequence[Mode
     """
     parts = list[Part]()
     for ours, *models in zip(target, *variants, strict=True):
+        for model in models:
+            refuse_new_effects(ours, model)
         parts += _varying(ours, models, "")
     return parts
+
+
+def refuse_new_effects(ours: Model, new: Model) -> None:
+    """Raise CannotExchange if a Model has effects that the one in use has not: its kernel may not have them."""
+    if more := [name for name, bit in EFFECT_NAMES.items() if new.effects & bit & ~ours.effects]:
+        raise CannotExchange(f"it would have {' and '.join(more)}, which what sounds has not; stop and start again")
 
 
 def copy_parts(target: Sequence[Model], state: State, after: Sequence[Model], parts: list[Part], span: Span) -> Copies:
@@ -133,10 +142,9 @@ def _factors(ours: Any, new: Any, islands: Islands, span: Span) -> Iterator[tupl
     changes, in pairs: to write to, and to read from. Those of `new` are for what the patch says; where the State has
     other values, the next step computes them again."""
     if isinstance(ours, StepCoefficients):
-        if ours.connection is not None:
+        if ours.connection.compliance.size:
             yield from _segments(ours.connection, new.connection, MADE_FOR_CONNECTIONS, islands, span)
-            if ours.contact is not None:
-                yield from _segments(ours.contact, new.contact, REDUCED_BY_CONNECTIONS, islands, span)
+            yield from _segments(ours.contact, new.contact, REDUCED_BY_CONNECTIONS, islands, span)
     elif hasattr(ours, "_fields"):
         for mine, now in zip(ours, new, strict=True):
             yield from _factors(mine, now, islands, span)
@@ -148,7 +156,7 @@ def _segments(
     """Yield the numbers of some islands in arrays of a record, in pairs: to write to, and to read from."""
     for name, axis in axes.items():
         mine, now = getattr(ours, name), getattr(new, name)
-        if mine is not None and mine.size:
+        if mine.size:
             begins = getattr(islands, axis)
             part = slice(int(begins[span[0]]), int(begins[sum(span)]))
             size = mine.shape[-1]

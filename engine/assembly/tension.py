@@ -6,16 +6,16 @@ import numpy as np
 
 from engine.arithmetic.elementary import square
 from engine.arithmetic.products import product
-from engine.assembly.array_memory import allocate
+from engine.assembly.array_memory import ABSENT, allocate
 from engine.assembly.connection_coordinates import find_stretching, stretch_of_ends
 from engine.assembly.layout import Layout
 from engine.assembly.mode_shape_rows import ShapeRow, mode_shape_rows
-from engine.assembly.softening import softening
+from engine.assembly.stiffening import stiffening
 from engine.bodies.stretching import Stretching
 from engine.kernel.data.axes import Axis
 from engine.kernel.data.enums import MovingEnd, Stretch, StretchFactor
 from engine.kernel.data.model import Tension
-from engine.kernel.data.state import SoftenedConnections, TensionState
+from engine.kernel.data.state import StiffenedConnections, TensionState
 from engine.patch.tables import EndConnection
 
 HEARD_DETUNING = 1e-6  # of the detuning that may be left out, of a body whose tension is heard: it ends without a click
@@ -31,14 +31,14 @@ def stretching_bodies(layout: Layout) -> dict[int, Stretching]:
     return stretching
 
 
-def tension(layout: Layout, least_detuning: float) -> Tension | None:
-    """Return the bodies that stretch; None if there are none.
+def tension(layout: Layout, least_detuning: float) -> Tension:
+    """Return the bodies that stretch; ABSENT if there are none.
 
     least_detuning: cents by which the pitch of a partial may rise without its being computed
     """
     stretching = stretching_bodies(layout)
     if not stretching:
-        return None
+        return ABSENT
     islands, modes = layout.islands, layout.modes
     count = len(islands.body_order)
     begin, end = np.zeros((2, count), np.int64)
@@ -59,7 +59,7 @@ def tension(layout: Layout, least_detuning: float) -> Tension | None:
     heard_bodies = np.array(_heard_bodies(layout), np.int64)
     share = np.array([float(point.pull is None) for point in pickups])
     pull = mode_shape_rows([point.pull or ShapeRow(0, 0, np.empty(0)) for point in pickups])
-    pairs = softening(layout, list(stretching))
+    pairs = stiffening(layout, list(stretching))
     return Tension(begin, end, all_kappa, places, factor, pairs, can_stretch, heard_bodies, share, pull)
 
 
@@ -107,7 +107,7 @@ def initial_tension(layout: Layout, model: Tension, counts: dict[Axis, int]) -> 
         TensionState,
         counts,
         body=body,
-        connection=allocate(SoftenedConnections, counts) if counts[Axis.CONNECTION] else None,
+        connection=allocate(StiffenedConnections, counts) if counts[Axis.CONNECTION] else ABSENT,
         is_active=model.can_stretch.copy(),
     )
     return state

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from engine.files import find_patch
 from engine.output_files import NORMALISED_PEAK_DBFS, SUBTYPES
 from engine.patch.precision_key import WHY
+from engine.sound.form import PRESETS
 from engine.wording import to_one_line
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ SHARED_OPTIONS = {
     "--cores": ("N", "number of processor cores to use (default: all; the samples do not depend on it)"),
     "--kernel": (
         "NAME",
-        "special: compiled for this scene; general: for any scene; auto (default): whichever is ready",
+        "general (default): for any scene; special: compiled for what this scene has, in half a minute",
     ),
     "--channels": ("1,2", "play these MIDI channels of a file, from 1 to 16 (default: all but 10, which are drums)"),
     "--tracks": ("0,3", "play these tracks of a MIDI file, by number from 0, or by name (default: all)"),
@@ -186,6 +187,23 @@ def add_report(parser: CommandParser, contents: str) -> None:
 def add_json(parser: CommandParser, contents: str = "the statistics") -> None:
     """Add the switch to output for programs."""
     parser.add_argument("--json", action="store_true", help=f"print {contents} as one JSON object")
+
+
+def add_sound_options(parser: CommandParser) -> None:
+    """Add the options that say what becomes of a sound in its file."""
+    group = parser.add_argument_group("the sound in its file")
+    text = "begin where the sound begins, and end where it is 70 dB below its peak, --seconds at the latest"
+    group.add_argument("--trim", action="store_true", help=text)
+    text = "leave the end as it is where the sound is cut, instead of fading out for 5 ms (as with --gain)"
+    group.add_argument("--no-fade", action="store_true", help=text)
+    loudness = "--loudness", "LUFS", "bring the sound to this loudness (ITU-R BS.1770), such as -23, with no peak above"
+    add_options(group, (*loudness[:2], f"{loudness[2]} {NORMALISED_PEAK_DBFS:g} dBFS"))
+    text = "make a sound that repeats without a seam: cross-fade the end with the begin for S seconds (default: 0.5)"
+    group.add_argument("--loop", metavar="S", nargs="?", const="0.5", help=text)
+    text = "add triangular noise before samples are rounded to 16 or 24 bits"
+    group.add_argument("--dither", action="store_true", help=text)
+    text = f"rate, sample format, trim and dither for a program: {', '.join(PRESETS)}"
+    add_options(group, ("--for", "PROGRAM", text))
 
 
 def add_accuracy_options(parser: CommandParser) -> None:

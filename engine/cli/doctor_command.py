@@ -115,40 +115,35 @@ def describe_blas() -> Section:
 
 
 def describe_kernel() -> Section:
-    """Describe which kernel runs the example, where its machine code comes from, and why."""
+    """Describe which kernel runs the example, and where its machine code comes from."""
     from engine.assembly.build import build
     from engine.compiler import cache, shipped
-    from engine.compiler.kernel_name import VARIABLE, KernelName
     from engine.compiler.kernel_origin import KernelOrigin, find_origin
     from engine.patch.scene import load
     from engine.runtime.job_memory import RENDER_USE
-    from engine.runtime.kernel_choice import kinds_of, prepare
+    from engine.runtime.kernel_choice import prepare
 
     model, state, _ = build(load(SHIPPED_PATCHES / f"{EXAMPLE}.toml"), 44_100)
-    prepared = prepare([model], state, [RENDER_USE])
-    origin, archive = find_origin(RENDER_USE.kernel, kinds_of(prepared, RENDER_USE)), shipped.explain_choice()
-    setting = os.environ.get(VARIABLE, "")
+    prepared = prepare([model], state)
+    origin, archive = find_origin(RENDER_USE.kernel, prepared.kinds_for(RENDER_USE)), shipped.explain_choice()
     texts = {
         KernelOrigin.CACHE: "kept in the cache",
         KernelOrigin.SHIPPED: f"shipped in {archive}",
         KernelOrigin.COMPILER: f"compiled before the first sound, as none is kept, and {archive}",
     }
-    why = "no special kernel for it is kept" if prepared.name is KernelName.GENERAL else "it is kept"
-    why = f"{VARIABLE} asks for it" if setting and setting != KernelName.AUTO else why
     digest = cache.source_digest()[:KERNEL_DIGITS]
-    values = {"digest": digest, "kernel": str(prepared.name), "why": why, "origin": str(origin), "archive": archive}
-    return Section(values, f"{digest}; {EXAMPLE} runs on the {prepared.name} kernel ({why}), {texts[origin]}")
+    values = {"digest": digest, "kernel": str(prepared.name), "origin": str(origin), "archive": archive}
+    return Section(values, f"{digest}; {EXAMPLE} runs on the {prepared.name} kernel, {texts[origin]}")
 
 
 def describe_cache() -> Section:
     """Describe where compiled kernels are stored."""
-    from engine.compiler import background, cache_files
+    from engine.compiler import cache_files
 
     base = cache_files.folder()
     kernels, size = cache_files.count(cache_files.files(base))
-    values = {"folder": hide_home(str(base)), "kernels": kernels, "bytes": size, "compiling": background.is_compiling()}
-    compiling = "; a kernel is being compiled in the background" if values["compiling"] else ""
-    return Section(values, f"{values['folder']}: {kernels} kernels, {size / 1e6:.1f} MB{compiling}")
+    values = {"folder": hide_home(str(base)), "kernels": kernels, "bytes": size}
+    return Section(values, f"{values['folder']}: {kernels} kernels, {size / 1e6:.1f} MB")
 
 
 def describe_tables() -> Section:
@@ -190,15 +185,13 @@ def describe_cost() -> Section:
     import numpy as np
 
     from engine.assembly.build import build
-    from engine.compiler import background
     from engine.kernel.data.axes import arrays_of
     from engine.offline.simulation import Simulation
     from engine.patch.scene import load
 
     scene, samplerate = load(SHIPPED_PATCHES / f"{EXAMPLE}.toml"), 44_100
     model, state, _ = build(scene, samplerate)
-    with background.forbidden():
-        simulation = Simulation(model, state)
+    simulation = Simulation(model, state)
     if not simulation.is_compiled:
         return Section({"error": "not compiled"}, "not measured, as its kernel would be compiled first")
     coarse = time.get_clock_info("thread_time").resolution > COARSEST_CLOCK

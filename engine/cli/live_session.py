@@ -1,6 +1,7 @@
 """A session of live sound: a patch plays, with keys, a meter and a recording."""
 
 import argparse
+import gc
 import math
 import os
 import signal
@@ -32,7 +33,6 @@ from engine.cli.notes import add_score, describe_levels, levels_of_file
 from engine.cli.option_checks import excerpt_of, voice_count
 from engine.cli.progress import progress_feedback
 from engine.cli.terminal import meter_parts, read_keyboard, show_meter
-from engine.compiler import background
 from engine.faults import PatchError
 from engine.live import audio_device, midi, midi_notes, recovery
 from engine.live.audio_recording import NoRecording, Recording
@@ -217,6 +217,8 @@ class Session:
     ) -> str:
         """Start the stream; keys, notes, meter, recording and log while the driver plays; returns how it ended."""
         wish, deadline, shown = "over", math.inf, -math.inf
+        gc.collect()
+        gc.freeze()  # to look for garbage in all that was read would hold up a message by 30 ms
         audio_device.start_stream(self.stream)
         while True:
             pressed = keys(self.interval)
@@ -254,7 +256,6 @@ class Session:
         """Close the device and all inputs, and print what there is to say of what was played."""
         self.stream.close()
         print_messages([*self.controls.remarks(), *self.inputs.close()])
-        background.compile_beside(self.player.memory.missing_kernels)
         now = replace(self.reading(), lost=self.first.lost_frames)
         print_live_summary(now, self.args, self.inputs.allocator, self.motion.warnings())
 
@@ -268,8 +269,7 @@ def play_patch(args: argparse.Namespace, scene: Scene) -> int:
             raise CommandError(error) from error
         session.announce()
         with catch_signals() as interrupted:  # also while it ends
-            with background.postponed():
-                wish, code = session.play(interrupted)
+            wish, code = session.play(interrupted)
             session.close()
         if wish != "next" or code:
             return code

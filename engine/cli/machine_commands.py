@@ -50,7 +50,7 @@ def list_devices(args: argparse.Namespace) -> int:
 
 def cache_command(args: argparse.Namespace) -> int:
     """Print where compiled kernels are stored, or delete them; return the exit code."""
-    from engine.compiler import background, cache_files
+    from engine.compiler import cache_files
 
     try:
         limit = cache_files.limit()
@@ -64,9 +64,7 @@ def cache_command(args: argparse.Namespace) -> int:
     kernels, size = cache_files.count(left)
     deleted = cache_files.count(before)[0] - kernels
     report = {"folder": str(base), "kernels": kernels, "bytes": size, "limit_bytes": limit, "deleted": deleted}
-    report |= {"compiling": background.is_compiling(), "background": background.is_allowed()}
     text = f"{base}: {kernels} kernels, {size / 1e6:.1f} MB; at most {limit / 1e6:g} MB"
-    text += "\na kernel is being compiled in the background" if report["compiling"] else ""
     print_result(args.json, report, lambda: print(f"{base}: {deleted} kernels deleted" if args.clear else text))
     if args.clear and left:
         raise CommandError(f"{len(left)} files in {base} cannot be deleted")

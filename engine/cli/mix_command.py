@@ -24,6 +24,7 @@ from engine.cli.notes import (
 )
 from engine.cli.option_checks import MIDI_CHANNELS, excerpt_of, samplerate_of
 from engine.cli.progress import progress_feedback
+from engine.cli.stems import read_markers, write_stems
 from engine.faults import Fault
 from engine.output_files import SILENT_PEAK
 
@@ -52,6 +53,11 @@ class MixedPatch:
         """The name of the patch."""
         return Path(self.patch).stem
 
+    @property
+    def of_patch(self) -> tuple[str, float]:
+        """The patch and its level, which are those of all its parts."""
+        return self.patch, self.level
+
 
 @dataclass(frozen=True)
 class Assignment:
@@ -74,7 +80,7 @@ class MixedSound:
 
     mixed: MixedPatch
     notes: PlayedNotes
-    factor: float  # in the mix, on SI units
+    peak: float  # SI units
 
 
 def read_assignments(args: argparse.Namespace) -> tuple[list[Assignment], list[Fault]]:
@@ -113,16 +119,28 @@ def split_level(text: str) -> tuple[str, float]:
 
 def mix_command(scene: "Scene", assignments: list[Assignment], args: argparse.Namespace) -> int:
     """Render the parts of a MIDI file by several patches, and write their mix; returns the exit code."""
-    from engine.cli.rendering import describe_interruption, write_sound
+    from engine.cli.rendering import about_patch, describe_interruption, prepare_sound, write_prepared
     from engine.report.console import print_mix_summary
 
     with note_errors_explained():
         patches, excerpt = assign_parts(scene, assignments, args)
         patches = [one for mixed in patches for one in divide_by_level(mixed, excerpt, args)]
+        if args.stems is not None:
+            patches = [replace(mixed, parts={part}) for mixed in patches for part in sorted(mixed.parts)]
         played, left_out = play_patches(patches, excerpt, args)
         if not played:
             raise CommandError("no patch has a note to play; give other channels, tracks or patches", 2)
-        stats = write_sound(args, mix_sounds(played, levels_of_mix(played), samplerate_of(args)))
+        rate = samplerate_of(args)
+        factors = mix_factors(played, args)
+        sounds = sounds_in_mix(played, factors, levels_of_mix(played), rate)
+        kernel, length = played[0].notes.readings.kernel, len(sounds[0]) / rate
+        tempo, markers = read_markers(Path(args.midi), excerpt.begin or 0.0, length)
+        about = replace(about_patch(scene, args, kernel), tempo=tempo, markers=markers)
+        mix, stats = prepare_sound(args, sum(sounds[1:], sounds[0]), about)
+        write_prepared(mix)
+        if args.stems is not None:
+            names = [name_of_part(one, args) for one in played]
+            stats["stems"] = [str(path) for path in write_stems(Path(args.stems), names, sounds, mix)]
     is_interrupted = bool(left_out) or played[-1].notes.is_interrupted
     if is_interrupted:
         last, names = played[-1], [mixed.name for mixed in left_out]
@@ -130,7 +148,8 @@ def mix_command(scene: "Scene", assignments: list[Assignment], args: argparse.Na
         print_messages([describe_interruption(*rendered, names, last.mixed.name)])
     reasons = [f"{one.mixed.name}: {reason}" for one in played for reason in one.notes.reasons]
     stats |= {"trusted": not reasons, "reasons": reasons, "interrupted": is_interrupted}
-    stats["parts"] = [describe_part(one, stats["gain_db"] + 20 * math.log10(one.factor)) for one in played]
+    gains = [stats["gain_db"] + 20 * math.log10(factor) for factor in factors]
+    stats["parts"] = [describe_part(one, gain) for one, gain in zip(played, gains, strict=True)]
     print_result(args.json, stats, lambda: print_mix_summary(stats))
     return 130 if is_interrupted else 0
 
@@ -203,7 +222,7 @@ def assign_parts(
         count = sum(part.notes for part in left_out)
         print_messages([f"{args.midi}: {count} notes were left out: {list_parts(left_out)}; {PARTS_REMEDY}"])
     played = set().union(*(mixed.parts for mixed in patches.values()))
-    begin = min(part.begin for part in parts if part.key in played)
+    begin = 0.0 if args.keep_start else min(part.begin for part in parts if part.key in played)
     print_messages(describe_leading_silence(args.midi, begin))
     return [mixed for mixed in patches.values() if mixed.parts], replace(excerpt, begin=begin)
 
@@ -241,18 +260,21 @@ def play_parts(mixed: MixedPatch, excerpt: "Excerpt", args: argparse.Namespace) 
     except MidiError as error:
         raise MidiError(f"{mixed.name}: {error}") from None
     print_messages(f"{mixed.name}: {line}" for line in notes.remarks)
-    level = mixed.level + (0.0 if args.level is None else mixed.scene.level or 0.0)
-    return MixedSound(mixed, notes, mix_factor(notes.audio, level, is_balanced=args.gain is None))
+    return MixedSound(mixed, notes, float(abs(notes.audio).max()))
 
 
-def mix_factor(audio: "np.ndarray", level: float, is_balanced: bool) -> float:
-    """The factor of a sound in a mix. level: dB
-
-    is_balanced: bring all to the same peak before their levels apply, as SI units of different pickups do not compare;
-                 or else leave them in SI units
-    """
-    peak, factor = float(abs(audio).max()), math.pow(10.0, level / 20.0)
-    return factor / peak if is_balanced and peak > SILENT_PEAK else factor
+def mix_factors(played: list[MixedSound], args: argparse.Namespace) -> list[float]:
+    """The factors of sounds in a mix. Unless a gain is given, all patches are brought to the same peak before their
+    levels apply, as SI units of different pickups do not compare; what one patch plays in parts keeps its balance."""
+    peaks = dict[tuple[str, float], float]()
+    for one in played:
+        peaks[one.mixed.of_patch] = max(peaks.get(one.mixed.of_patch, 0.0), one.peak)
+    factors = list[float]()
+    for one in played:
+        level = one.mixed.level + (0.0 if args.level is None else one.mixed.scene.level or 0.0)
+        peak = peaks[one.mixed.of_patch] if args.gain is None else 0.0
+        factors.append(math.pow(10.0, level / 20.0) / (peak if peak > SILENT_PEAK else 1.0))
+    return factors
 
 
 def levels_of_mix(played: list[MixedSound]) -> "list[ChannelLevels]":
@@ -264,16 +286,29 @@ def levels_of_mix(played: list[MixedSound]) -> "list[ChannelLevels]":
     return [levels_of_file(one.notes.file, default) for one in played]
 
 
-def mix_sounds(played: list[MixedSound], levels: "list[ChannelLevels]", samplerate: int) -> "np.ndarray":
-    """The sum of all sounds at their levels, the shorter ones followed by silence, [frames, channels]. A mono sound is
-    on the first two channels; there are two at least if one is panned."""
+def sounds_in_mix(
+    played: list[MixedSound], factors: list[float], levels: "list[ChannelLevels]", samplerate: int
+) -> "list[np.ndarray]":
+    """All sounds at their levels, the shorter ones followed by silence, each [frames, channels]; their sum is the mix.
+    A mono sound is on the first two channels; there are two at least if one is panned."""
     import numpy as np
 
     channels = max(*(one.notes.audio.shape[1] for one in played), 1 + any(each.pans for each in levels))
-    mix = np.zeros((max(len(one.notes.audio) for one in played), channels))
-    for one, each in zip(played, levels, strict=True):
-        audio = one.notes.audio * one.factor
+    sounds = list[np.ndarray]()
+    for one, factor, each in zip(played, factors, levels, strict=True):
+        audio = one.notes.audio * factor
         if audio.shape[1] == 1:
             audio = np.repeat(audio, min(channels, 2), axis=1)
-        mix[: len(audio), : audio.shape[1]] += each.apply(audio, samplerate)
-    return mix
+        sounds.append(np.zeros((max(len(other.notes.audio) for other in played), channels)))
+        sounds[-1][: len(audio), : audio.shape[1]] = each.apply(audio, samplerate)
+    return sounds
+
+
+def name_of_part(sound: MixedSound, args: argparse.Namespace) -> str:
+    """The name of a part of a MIDI file: that of its track, or its channel, and that of the patch that plays it."""
+    from engine.live.midi_files import read_parts
+
+    _, parts, _ = read_parts(Path(args.midi), sound.mixed.scene.midi)
+    names = [part.name or f"channel {part.channel}" for part in parts if part.key in sound.mixed.parts]
+    track = names[0] if names and names[0].casefold() != sound.mixed.name.casefold() else ""
+    return f"{track} {sound.mixed.name}".strip()

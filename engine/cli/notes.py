@@ -152,9 +152,7 @@ def _play_on_voices(
     scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(**args.accuracy)})
     build_modal_bodies(scene, rate, scene.accuracy.scheme)
     count = voice_count(args)
-    rendered, is_interrupted = keep_interrupted(
-        lambda: render_notes(scene, args.midi, rate, args.seconds, count, progress, excerpt)
-    )
+    rendered, is_interrupted = keep_interrupted(lambda: render_notes(scene, args.midi, rate, excerpt, count, progress))
     audio, player, voices, file, warnings, seconds = rendered
     reading = player.meter()
     reasons = explain_doubts(reading.newton, reading.energy_error, not reading.not_finite)

@@ -14,8 +14,9 @@ from engine.cli.arguments import ACCURACY_OPTIONS, VOICES
 from engine.compiler.kernel_name import read_kernel_name
 from engine.faults import Fault, PatchError
 from engine.files import is_folder
-from engine.output_files import explain_unwritable, is_stream, is_writable_folder, resolve_links
-from engine.report.figures import PICTURE_ENDINGS, PLOT_STYLES
+from engine.output_files import BITS, TRACE_ENDINGS, explain_unwritable, is_stream, is_writable_folder, resolve_links
+from engine.report.figures import PICTURE_ENDINGS, PLOT_PANELS, PLOT_STYLES
+from engine.sound.form import PRESETS, RANGES, SoundForm, with_preset
 from engine.wording import join_with_or
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ MAX_LATENCY = 10.0  # s
 FILE_KINDS = {
     "--report": ("page", (".html", ".htm")),
     "--plot": ("picture", PICTURE_ENDINGS),
-    "--trace": ("trace", (".npz",)),
+    "--trace": ("trace", TRACE_ENDINGS),
     "--event-log": ("log", (".json",)),
 }
 GROWING = ("--record", "--event-log")  # files that grow beside their names
@@ -51,6 +52,9 @@ def read_options(args: argparse.Namespace) -> list[Fault]:
     for name in ("plot", "report"):
         if options.get(name) is not None and find_spec("matplotlib") is None:
             faults.append(Fault(f"--{name}", "needs matplotlib; run uv sync --extra plot, or pip install matplotlib"))
+    if (options.get("trace") or "").endswith(".nc") and find_spec("xarray") is None:
+        faults.append(Fault("--trace", "needs xarray for .nc; run uv sync --extra sweep, or give .npz, .mat or .csv"))
+    faults += check_sound_options(args) if "trim" in options else []
     return faults + check_plot_style(args) + _read_target_error(args) + _read_accuracy(args)
 
 
@@ -63,6 +67,7 @@ def _read_numbers(args: argparse.Namespace) -> list[Fault]:
     ranges = {"seconds": (0.0, MAX_SECONDS, "s"), "samplerate": (*SAMPLE_RATE_RANGE, "Hz")}
     ranges |= {"hold": ranges["seconds"]}
     ranges |= {"gain": (-MAX_LEVEL, MAX_LEVEL, "dB"), "cores": (1, 1024, "cores")}
+    ranges |= {"loudness": (*RANGES["loudness"], "LUFS"), "loop": (*RANGES["loop"], "s")}
     faults: list[Fault] = []
     for name, (low, high, unit) in ranges.items():
         if (text := vars(args).get(name)) is None:
@@ -81,6 +86,32 @@ def _read_numbers(args: argparse.Namespace) -> list[Fault]:
         else:
             setattr(args, name, int(number) if is_whole else number)
     return faults
+
+
+def check_sound_options(args: argparse.Namespace) -> list[Fault]:
+    """List the faults of the options that say what becomes of a sound in its file, and take a preset's rate."""
+    faults, program = list[Fault](), vars(args)["for"]
+    if program is not None and program not in PRESETS:
+        faults.append(Fault("--for", f'"{program}" is not known; give {join_with_or(PRESETS)}'))
+    elif program is not None and args.samplerate is None:
+        args.samplerate = PRESETS[program].samplerate
+    if args.loudness is not None and args.gain is not None:
+        faults.append(Fault("--loudness", "cannot be combined with --gain; give one of them"))
+    if args.loop is not None and args.trim:
+        faults.append(Fault("--loop", "cannot be combined with --trim; give one of them"))
+    if not faults and args.dither and sound_form(args).subtype not in BITS:
+        faults.append(Fault("--dither", f"is for samples that are rounded; give --subtype {join_with_or(BITS)}"))
+    return faults
+
+
+def sound_form(args: argparse.Namespace) -> SoundForm:
+    """Return the form that a sound gets in its file."""
+    options = vars(args)
+    if "trim" not in options:
+        return SoundForm(args.subtype, args.gain)
+    fade = False if args.no_fade else True if args.trim else None
+    form = SoundForm(args.subtype, args.gain, args.loudness, args.trim, fade, args.loop, args.dither)
+    return form if options["for"] is None else with_preset(form, options["for"])
 
 
 def samplerate_of(args: argparse.Namespace) -> int:
@@ -134,13 +165,23 @@ def _read_target_error(args: argparse.Namespace) -> list[Fault]:
 
 
 def check_plot_style(args: argparse.Namespace) -> list[Fault]:
-    """List the faults of --plot-style."""
-    style = vars(args).get("plot_style")
-    if style is None:
-        return []
-    if style not in PLOT_STYLES:
-        return [Fault("--plot-style", f'"{style}" is not a style; give {join_with_or(PLOT_STYLES)}')]
-    return [] if args.plot is not None else [Fault("--plot-style", "requires --plot; give that too")]
+    """List the faults of --plot-style and --plot-panels."""
+    faults, given = list[Fault](), {"--plot-style": "plot_style", "--plot-panels": "plot_panels"}
+    for option, noun, texts, known in (
+        ("--plot-style", "style", [vars(args).get("plot_style")], PLOT_STYLES),
+        ("--plot-panels", "panel", plot_panels(args), PLOT_PANELS),
+    ):
+        wrong = [text for text in texts if text is not None and text not in known]
+        if wrong:
+            faults.append(Fault(option, f'"{wrong[0]}" is not a {noun}; give {join_with_or(known)}'))
+        elif vars(args).get(given[option]) is not None and args.plot is None:
+            faults.append(Fault(option, "requires --plot; give that too"))
+    return faults
+
+
+def plot_panels(args: argparse.Namespace) -> list[str]:
+    """Return the panels of a plot that an option names; none if it names none."""
+    return [name.strip() for name in (vars(args).get("plot_panels") or "").split(",") if name.strip()]
 
 
 def excerpt_of(args: argparse.Namespace) -> "Excerpt":
@@ -149,7 +190,8 @@ def excerpt_of(args: argparse.Namespace) -> "Excerpt":
 
     channels = frozenset(int(channel) for channel in (args.channels or "").split(",") if channel)
     tracks = tuple(track.strip() for track in (args.tracks or "").split(",") if track)
-    return Excerpt(channels, tracks, seconds=args.seconds)
+    begin = 0.0 if vars(args).get("keep_start") else None
+    return Excerpt(channels, tracks, begin=begin, seconds=args.seconds)
 
 
 def check_parts(args: argparse.Namespace) -> list[Fault]:

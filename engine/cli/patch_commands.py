@@ -115,10 +115,10 @@ def check_build(path: str, scene: "Scene") -> tuple[list[Fault], list[str]]:
 
 def print_schema(args: argparse.Namespace) -> int:
     """Print the JSON Schema of a patch; returns the exit code."""
-    from engine.patch.json_schema import patch_schema
+    from engine.patch.json_schema import editor_schema
 
     readable = (sys.stdout.encoding or "utf-8").lower().replace("-", "") == "utf8"
-    print(json.dumps(patch_schema(), indent=1, ensure_ascii=not readable))
+    print(json.dumps(editor_schema(), indent=1, ensure_ascii=not readable))
     return 0
 
 

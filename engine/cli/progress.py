@@ -95,6 +95,10 @@ class Progress:
         """Name the present stage of the task. Numba is imported only to compile, which comes before the first share."""
         if self.share is not None:
             return f"{self.task}: {self.phase}" if self.phase else self.task
+        from engine.compiler.special_kernels import is_compiling
+
+        if is_compiling():
+            return "compiling a special kernel (once per machine)"
         if "numba" in sys.modules:
             return "compiling the kernel (once per machine)"
         return f"building {self.size}" if self.size else self.task

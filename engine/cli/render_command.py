@@ -35,8 +35,10 @@ from engine.cli.option_checks import (
     voice_count,
 )
 from engine.cli.progress import progress_feedback
+from engine.cli.stems import check_stems
 from engine.faults import Fault
 from engine.output_files import check_audio_format
+from engine.report.figures import PLOT_PANELS
 from engine.wording import program_name
 
 if TYPE_CHECKING:
@@ -59,6 +61,7 @@ def add_render_command(commands: "arguments.Commands") -> None:
     parser.add_argument("-o", "--output", metavar="OUT.wav", help=help_text)
     level = "--level", LEVEL_OF_PATCH, "patch: at the level of the patch, as in live sound, instead of normalised"
     arguments.add_options(parser, "--seconds", "--samplerate", "--subtype", "--gain", level, "--cores", "--kernel")
+    arguments.add_sound_options(parser)
     arguments.add_accuracy_options(parser)
     help_text = "choose the steps by error, and render until the error is below 1e-4, or 0.1dB"
     arguments.add_options(parser, ("--target-error", "E", help_text))
@@ -67,14 +70,19 @@ def add_render_command(commands: "arguments.Commands") -> None:
     midi = "--midi", "FILE.mid", "play the notes of a MIDI file"
     help_text = "with --midi: give channels or tracks to other patches, and mix; PATCH plays the rest (see the guide)"
     play = "--play", "2=guitar,10=snare", help_text
+    stems = "--stems", "FOLDER", "with --midi: also write each part to a file of its own, and a project for REAPER"
     key = "--key", "KEY", "play one note of an instrument, such as C4 or F#3"
-    trace = "--trace", "OUT.npz", "also write the displacements, forces and energies of every sample"
-    arguments.add_options(parser, midi, "--channels", "--tracks", play, key, "--velocity", "--voices", trace)
+    trace = "--trace", "OUT.npz", "also write what moves in every sample: .npz, .nc (xarray), .mat (MATLAB) or .csv"
+    arguments.add_options(parser, midi, "--channels", "--tracks", play, stems, key, "--velocity", "--voices", trace)
     help_text = (
         "with --trace: also write shapes of strings, bars, membranes and plates (at most 4000 each, 64 MB in all)"
     )
     parser.add_argument("--trace-shapes", action="store_true", default=None, help=help_text)
+    text = "with --midi: begin where the file begins, not at its first note"
+    parser.add_argument("--keep-start", action="store_true", help=text)
     arguments.add_plot(parser, "waveform, spectrogram, energies and contacts")
+    text = f"plot these panels, such as waveform,contact, of {', '.join(PLOT_PANELS)} (default: all)"
+    arguments.add_options(parser, ("--plot-panels", "NAMES", text))
     arguments.add_report(parser, "the sound, plots and statistics")
     arguments.add_json(parser)
     help_text = "also print iterations, energies and effects (--json prints everything)"
@@ -92,6 +100,7 @@ def render_command(args: argparse.Namespace) -> int:
         option_faults.append(Fault("--trace-shapes", "requires --trace; give that too, with the name of a file"))
     option_faults += ignored_options(scene, args) + check_kernel(args) + check_parts(args) + note_faults
     assignments, assignment_faults = read_assignments(args)
+    option_faults += check_stems(args.stems, bool(args.midi))
     option_faults += assignment_faults + check_level(scene, [each.mixed for each in assignments], args)
     if scene is not None and not option_faults:
         channels = max(scene.channels, *(each.mixed.scene.channels for each in assignments), 0)
@@ -101,7 +110,7 @@ def render_command(args: argparse.Namespace) -> int:
         args.gain = 0.0 if assignments else scene.level  # a mix applies the level of each patch by itself
     if not args.midi:
         return scene_command(scene, args)
-    if assignments:
+    if assignments or args.stems is not None:
         return mix_command(scene, assignments, args)
     return instrument_command(scene, args) if scene.instrument else midi_command(scene, args)
 
@@ -110,10 +119,12 @@ def ignored_options(scene: "Scene | None", args: argparse.Namespace) -> list[Fau
     """List the options that would have no effect, because of other options."""
     if not args.midi:
         given = [name for name in ("voices", "play") if getattr(args, name) is not None]
+        given += ["keep-start"] * args.keep_start
         return [Fault(f"--{name}", "requires --midi; give that too") for name in given]
-    if args.play is not None:
+    if args.play is not None or args.stems is not None:
         given = [option for option, name in NOT_OF_MIXES.items() if getattr(args, name) is not None]
-        return [Fault(option, "cannot be combined with --play") for option in given]
+        mixed = "--play" if args.play is not None else "--stems"
+        return [Fault(option, f"cannot be combined with {mixed}") for option in given]
     if scene is None or scene.instrument:
         message = "every key of an instrument has its own bodies; leave it out"
         return [Fault("--voices", message)] if scene is not None and args.voices is not None else []
@@ -127,8 +138,8 @@ def check_level(scene: "Scene | None", others: list[MixedPatch], args: argparse.
         return []
     if args.level != LEVEL_OF_PATCH:
         return [Fault("--level", f'"{args.level}" is not known; give {LEVEL_OF_PATCH}')]
-    if args.gain is not None:
-        return [Fault("--level", "cannot be combined with --gain; give one of them")]
+    if given := [option for option in ("gain", "loudness") if getattr(args, option) is not None]:
+        return [Fault("--level", f"cannot be combined with --{given[0]}; give one of them")]
     patches = {mixed.patch: mixed.scene for mixed in others} | ({} if scene is None else {args.patch: scene})
     return [
         Fault("--level", f"{path} gives no level; {program_name()} level {path} measures the one to add to it")
@@ -170,7 +181,8 @@ def midi_command(scene: "Scene", args: argparse.Namespace) -> int:
         with progress_feedback("rendering", f"{voices} voices of {describe_bodies(scene)}") as progress:
             notes = play_notes(scene, excerpt_of(args), args, progress)
         levels = levels_of_file(notes.file)
-        stats = write_sound(args, levels.apply(notes.audio, samplerate_of(args)))
+        audio = levels.apply(notes.audio, samplerate_of(args))
+        stats = write_sound(scene, args, audio, notes.readings.kernel)
     lines = describe_midi_file(args.midi, notes.file, PARTS_REMEDY) + describe_levels(args.midi, levels)
     lines += notes.remarks
     if notes.is_interrupted:

@@ -1,18 +1,20 @@
 """A rendering with its files: everything is computed first, and then the sound and its companions are written."""
 
 import argparse
+import json
 import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from engine.cli.messages import describe_bodies, print_messages, write_file
-from engine.cli.option_checks import samplerate_of
+from engine.cli.option_checks import plot_panels, samplerate_of, sound_form
 from engine.cli.progress import Progress, progress_feedback
 from engine.faults import BuildError, RenderInterrupted
-from engine.output_files import save_trace, to_utf8_text, write_text
+from engine.output_files import to_utf8_text, write_text
 from engine.wording import join_with_or
 
 if TYPE_CHECKING:
@@ -22,8 +24,9 @@ if TYPE_CHECKING:
     from engine.analysis.profile import Profile
     from engine.analysis.work_precision import WorkPrecisionStudy
     from engine.api.rendering import Rendering
-    from engine.api.sound_file import LevelledSound
     from engine.patch.scene import Scene
+    from engine.sound.about import About
+    from engine.sound.sound_file import PreparedSound
 
 R = TypeVar("R")
 ESTIMATED_PARTS = 0.05, 0.1, 0.2, 0.5, 1.0  # of a sound, whose error is estimated unasked: others than the first if
@@ -52,27 +55,43 @@ class Outputs:
         return [str(path) for path in self.files][1:]
 
 
-def bring_to_level(
-    args: argparse.Namespace, audio: "np.ndarray", is_silent: bool = False
-) -> "tuple[LevelledSound, dict[str, Any]]":
-    """Bring a sound to the level of the file that the options name. Returns it with its statistics.
+def prepare_sound(
+    args: argparse.Namespace, audio: "np.ndarray", about: "About", is_silent: bool = False
+) -> "tuple[PreparedSound, dict[str, Any]]":
+    """Bring a sound into the form of the file that the options name. Returns it with its statistics.
 
-    audio: [frames, channels], SI units; is_silent: as of engine.api.sound_file.SoundFile.bring_to_level
+    audio: [frames, channels], SI units; is_silent: as of engine.sound.sound_file.SoundFile.prepare
     """
-    from engine.api.sound_file import SoundFile
+    from engine.sound.sound_file import SoundFile
 
-    file = SoundFile(args.output, args.subtype, args.gain)
-    sound = file.bring_to_level(audio, samplerate_of(args), is_silent)
+    file = SoundFile(args.output, sound_form(args), about)
+    sound = file.prepare(audio, samplerate_of(args), is_silent)
     return sound, {"patch": args.patch} | sound.statistics
 
 
-def write_sound(args: argparse.Namespace, audio: "np.ndarray") -> dict[str, Any]:
+def about_patch(scene: "Scene", args: argparse.Namespace, kernel: str) -> "About":
+    """Return what the file of a sound says of itself."""
+    from engine.instrument.key_names import parse_key
+    from engine.sound.about import About
+
+    path, key = Path(args.patch), getattr(args, "key", None)
+    title = scene.title or path.stem
+    text = path.read_text("utf-8-sig", "replace")
+    return About(title, path.name, text, kernel=kernel, key=None if key is None else parse_key(key))
+
+
+def write_sound(scene: "Scene", args: argparse.Namespace, audio: "np.ndarray", kernel: str) -> dict[str, Any]:
     """Write a sound to the file that the options name, and print what there is to say of it; return its statistics.
     Raises CommandError. audio: [frames, channels], SI units"""
-    sound, stats = bring_to_level(args, audio)
+    sound, stats = prepare_sound(args, audio, about_patch(scene, args, kernel))
+    write_prepared(sound)
+    return stats
+
+
+def write_prepared(sound: "PreparedSound") -> None:
+    """Write a sound to its file, and print what there is to say of it. Raises CommandError."""
     write_file(sound.file.path, lambda path: sound.write())
     print_messages(sound.warnings)
-    return stats
 
 
 def render_scene(scene: "Scene", args: argparse.Namespace, progress: Progress, **settings: Any) -> "Rendering":
@@ -196,7 +215,8 @@ def render_from_arguments(
     rendering, estimate, is_interrupted = rendered.rendering, rendered.estimate, rendered.is_interrupted
     silence = rendering.silence
     audio = rendering.audio if levels is None else levels(rendering.audio)
-    sound, written = bring_to_level(args, audio, silence is not None)
+    about = about_patch(scene, args, rendering.stats.kernel)
+    sound, written = prepare_sound(args, audio, about, silence is not None)
     stats = rendering.stats.as_dict() | written | {"silent": silence}
     stats |= {"error_estimate": estimate and estimate.as_dict(), "target_error": args.target_error}
     stats |= {"interrupted": is_interrupted}
@@ -204,7 +224,9 @@ def render_from_arguments(
     warnings += [f"{args.patch}: {warning}" for warning in rendering.stats.warnings] + sound.warnings
     files: dict[Path, Callable[[Path], object]] = {sound.file.path: lambda path: sound.write()}
     if args.trace is not None:
-        files[args.trace] = lambda path: save_trace(path, rendering.trace or {})
+        facts = {"patch": Path(args.patch).name, "patch_text": about.text, "kernel": about.kernel}
+        facts["accuracy"] = json.dumps(rendering.stats.accuracy)
+        files[args.trace] = partial(_write_trace, rendering, facts)
     if is_interrupted:
         asked = scene.seconds if args.seconds is None else args.seconds
         left_out = [option for option, given in (("--plot", args.plot), ("--report", args.report)) if given is not None]
@@ -222,18 +244,26 @@ def render_from_arguments(
         if comparison is not None:
             plot_comparison(comparison, path, args)
         else:
-            plot_rendering(rendering, title, path, shape, args.plot_style or "screen")
+            plot_rendering(rendering, title, path, shape, args.plot_style or "screen", plot_panels(args))
 
     if args.plot is not None:
         files[args.plot] = draw
     if args.report is not None:
-        from engine.report.html import compose_page
+        from engine.report.html import PageContents, compose_page
 
         profile = measure_profile(scene, rendering)
         with progress_feedback("drawing the page"):
-            shown = compose_page(title, text, rendering, sound.audio, stats, profile, comparison, shape)
+            contents = PageContents(rendering, sound.audio, stats, profile, comparison, shape)
+            shown = compose_page(title, text, contents)
         files[args.report] = lambda path: write_text(path, to_utf8_text(shown))
     return Outputs(stats, warnings, is_interrupted, files)
+
+
+def _write_trace(rendering: "Rendering", facts: dict[str, str], path: Path) -> None:
+    from engine.api.trace_files import write_trace
+
+    if rendering.trace is not None:
+        write_trace(path, rendering.trace, facts)
 
 
 def describe_interruption(

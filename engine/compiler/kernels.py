@@ -11,8 +11,9 @@ from typing import Any
 
 from engine.compiler import archive_trial, cache
 from engine.compiler.code_objects import Code, load_code, read_content
-from engine.compiler.kinds import FLOAT, INT, Kind
+from engine.compiler.kinds import FLOAT, INT, Kind, effects_of
 from engine.compiler.shipped import load_shipped
+from engine.compiler.special_kernels import call_with_effects
 
 C_TYPES = {INT: ctypes.c_ssize_t, FLOAT: ctypes.c_double}
 
@@ -35,11 +36,6 @@ class Kernel:
                 code = self._from_disk(kinds)
                 self._loaded[kinds] = code if code is not None else self._compile(kinds)
             return self._loaded[kinds].address
-
-    def compile_for_host(self, *kinds: Kind) -> None:
-        """Compile the kernel for the processor of this machine, unless that code is stored already."""
-        if cache.read_kernel(self.module, self.function, kinds) is None:
-            self._compile(kinds)
 
     def is_ready(self, *kinds: Kind) -> bool:
         """True if the kernel need not be compiled."""
@@ -64,9 +60,8 @@ class Kernel:
         name = f"{self.module}.{self.function}"
         if archive_trial.tried_archive() is not None:
             raise RuntimeError(f"the archive has no kernel {name} for these arguments, or it cannot be loaded")
-        from engine.compiler.kernel_compiler import compile_kernel  # with Numba
-
-        content = compile_kernel(self.module, self.function, kinds)
+        effects, compiler = effects_of(kinds), "engine.compiler.kernel_compiler"  # imported where Numba is needed
+        content = call_with_effects(effects, compiler, "compile_kernel", self.module, self.function, kinds)
         cache.write_kernel(self.module, self.function, kinds, content)
         code = _load_content(content)
         if code is None:

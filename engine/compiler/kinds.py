@@ -7,13 +7,16 @@ Numba has types for the same, but takes a second to import; a kernel that is kep
     ("f8", 2)                      an array: its numbers, as NumPy names them, and its dimensions
     ("module.Name", kind, …)       a NamedTuple
     ("tuple", kind, …)             a plain tuple
-    ("pointer", kind)              the address of such a value (engine.compiler.struct_handle)
+    ("pointer", kind, effects)     the address of such a value (engine.compiler.struct_handle); and of a Model the
+                                   effects of the kernel that takes it (engine.compiler.special_kernels)
 """
 
 import importlib
 from typing import Any
 
 import numpy as np
+
+from engine.compiler.special_kernels import ALL
 
 Kind = Any
 INT, FLOAT, POINTER = "int", "float", "pointer"
@@ -57,3 +60,9 @@ def example_of(kind: Kind) -> Any:
 def as_kind(words: Any) -> Kind:
     """A kind that was written as JSON, which knows no tuples."""
     return tuple(map(as_kind, words)) if isinstance(words, list) else words
+
+
+def effects_of(kinds: tuple[Kind, ...]) -> int:
+    """The effects of the kernel that takes arguments of these kinds: those that a pointer names, or all."""
+    pointers = [kind for kind in kinds if isinstance(kind, tuple) and kind[0] == POINTER]
+    return next((effects for _, _, effects in pointers if effects != ALL), ALL)

@@ -165,8 +165,9 @@ def _load(context: Any, builder: Any, array: Any, numbers: Any, place: list[Any]
     return loaded
 
 
-def _store(context: Any, builder: Any, array: Any, numbers: Any, place: list[Any], kind: Any, lanes: Any) -> Any:
-    """Write eight numbers to an array, or fewer; `place` and `kind` as of `_load`."""
+def _store(context: Any, builder: Any, typed: tuple[Any, Any], place: list[Any], kind: Any, lanes: Any) -> Any:
+    """Write eight numbers to an array, or fewer; `place` and `kind` as of `_load`. typed: the array, after its type"""
+    array, numbers = typed
     pointer = _pointer(context, builder, numbers, array, place[0], kind)
     if len(place) == 2:
         mask = _first_lanes(context, builder, kind, place[1])
@@ -200,7 +201,7 @@ def load_first_lanes(numbers: Any, k: Any, count: Any) -> Any:
 def store_lanes(numbers: Any, k: Any, lanes: Any) -> Any:
     """Write eight numbers to a contiguous array, from number k on."""
     return types.none(numbers, k, lanes), lambda context, builder, sig, args: _store(
-        context, builder, sig.args[0], args[0], [args[1]], sig.args[1], args[2]
+        context, builder, (sig.args[0], args[0]), [args[1]], sig.args[1], args[2]
     )
 
 
@@ -225,7 +226,7 @@ def put_number(numbers: Any, place: Any, value: Any) -> Any:
 
     def put_lanes(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         places = cgutils.unpack_tuple(builder, args[1])
-        return _store(context, builder, sig.args[0], args[0], places, sig.args[1][0], args[2])
+        return _store(context, builder, (sig.args[0], args[0]), places, sig.args[1][0], args[2])
 
     def put_one(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         number = context.cast(builder, args[2], sig.args[2], numbers.dtype)

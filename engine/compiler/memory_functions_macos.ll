@@ -14,18 +14,30 @@ define void @__bzero(ptr %to, i64 %count) nounwind {
 
 define void @memset_pattern16(ptr %to, ptr %pattern, i64 %count) nounwind {
 entry:
-  %is_none = icmp eq i64 %count, 0
-  br i1 %is_none, label %end, label %loop
-loop:
-  %n = phi i64 [0, %entry], [%following, %loop]
+  %whole = load <2 x i64>, ptr %pattern, align 1
+  %of_patterns = and i64 %count, -16
+  br label %patterns
+patterns:
+  %p = phi i64 [0, %entry], [%p_after, %once]
+  %has_pattern = icmp ult i64 %p, %of_patterns
+  br i1 %has_pattern, label %once, label %rest
+once:
+  %p_to = getelementptr i8, ptr %to, i64 %p
+  store <2 x i64> %whole, ptr %p_to, align 1
+  %p_after = add i64 %p, 16
+  br label %patterns
+rest:
+  %n = phi i64 [%p, %patterns], [%n_after, %last]
+  %has_byte = icmp ult i64 %n, %count
+  br i1 %has_byte, label %last, label %end
+last:
   %place = and i64 %n, 15
-  %source = getelementptr i8, ptr %pattern, i64 %place
-  %target = getelementptr i8, ptr %to, i64 %n
-  %byte = load i8, ptr %source
-  store i8 %byte, ptr %target
-  %following = add i64 %n, 1
-  %is_over = icmp eq i64 %following, %count
-  br i1 %is_over, label %end, label %loop
+  %n_from = getelementptr i8, ptr %pattern, i64 %place
+  %n_to = getelementptr i8, ptr %to, i64 %n
+  %byte = load i8, ptr %n_from
+  store i8 %byte, ptr %n_to
+  %n_after = add i64 %n, 1
+  br label %rest
 end:
   ret void
 }

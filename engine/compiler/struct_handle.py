@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from engine.compiler.kinds import POINTER, Kind, kind_of
+from engine.compiler.special_kernels import ALL
 
 
 def address_of(array: np.ndarray) -> int:
@@ -84,6 +85,6 @@ class StructHandle:
         self.address = self._bytes.ctypes.data
 
 
-def pointer_kind(value: Any) -> Kind:
-    """The kind of a pointer to a value."""
-    return POINTER, kind_of(value)
+def pointer_kind(value: Any, effects: int = ALL) -> Kind:
+    """The kind of a pointer to a value. effects: of the kernel that takes it, if it is a Model"""
+    return POINTER, kind_of(value), effects

@@ -3,7 +3,8 @@ are compiled for the patch."""
 
 from engine.compiler import cache, shipped
 from engine.compiler.kernel_name import KernelName
-from engine.compiler.kinds import Kind
+from engine.compiler.kinds import Kind, effects_of
+from engine.compiler.special_kernels import call_with_effects
 from engine.compiler.targets import Target
 from engine.export.faults import CannotExport
 
@@ -63,7 +64,11 @@ class LinkedKernels:
                 raise CannotExport(f"{shipped.archive(self.target).name} cannot be read: {error}") from None
         from engine.compiler.machine_code import neutral_code, object_code
 
-        codes = {entry: neutral_code(*request) for entry, request in self._requests.items()}
+        module = neutral_code.__module__
+        codes = {
+            entry: call_with_effects(effects_of(request[2]), module, "neutral_code", *request)
+            for entry, request in self._requests.items()
+        }
         return {f"{KERNEL}.o": object_code(codes, self.target, {}).content}
 
     def table_object(self, tables: dict[str, bytes]) -> bytes:

@@ -12,9 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from engine.assembly.build import build
-from engine.assembly.general import generalise
 from engine.compiler.kernel_name import KernelName
-from engine.compiler.struct_handle import pointer_kind
 from engine.compiler.targets import OF_LIBRARIES, TARGETS, target_named
 from engine.export.c_events import EventTables
 from engine.export.c_kernels import LinkedKernels
@@ -45,6 +43,7 @@ from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 from engine.runtime.event_slots import VALUES_PER_EVENT, EventSlot
 from engine.runtime.jobs import Job
+from engine.runtime.kernel_choice import prepare
 
 SOURCES = ("fdh.h", "fdh.c", "main.c", "CMakeLists.txt")
 HEADER, OBJECT = "fdh_patch.h", "fdh_patch.o"  # the object has the tables
@@ -92,11 +91,11 @@ def export_c(
 
 def _add_part(part: str, player: RowRecorder, kernels: LinkedKernels, tables: dict[str, bytes]) -> str:
     """Add the kernels and the tables of a part, by their names in C. Return its layout in C."""
-    memory, built = player.memory, _built_of(player, kernels.name)
+    memory, built = player.memory, _built_of(player)
     laid_out = lay_out_player(memory, pointer_bytes=8, base=0, built=built)
     tables[f"fdh_scene_{part}"] = bytes(laid_out.content)
     tables[f"fdh_pointers_{part}"] = np.array(laid_out.pointers, np.int64).tobytes()
-    kinds = pointer_kind(built[0]), pointer_kind(built[1])
+    kinds = prepare([built[0]], built[1], kernels.name).kinds
     entries = {name: kernels.add(request, part) for name, request in requests_of(kinds).items()}
     arrays = arrays_of_player(memory) | {"audio": memory.shared.audio, "spare": memory.shared.spare}
     numbers = {
@@ -112,13 +111,12 @@ def _add_part(part: str, player: RowRecorder, kernels: LinkedKernels, tables: di
     return f"{{{', '.join(f'.{name} = {value}' for name, value in (named | numbers).items())}}}"
 
 
-def _built_of(player: RowRecorder, kernel: KernelName) -> tuple[Model, State]:
+def _built_of(player: RowRecorder) -> tuple[Model, State]:
     """Return the model and the state of a player. Live sound has no time for as many steps of a sample as some patches
     allow: a library has."""
     if player.waiting or player.patch.accuracy == player.scene.accuracy:
-        return player.memory.model_handles[0].value, player.memory.state_handle.value
-    built = build(player.patch, player.samplerate, event_capacity=event_capacity(player.patch, False))
-    return generalise(built.model, built.state) if kernel is KernelName.GENERAL else (built.model, built.state)
+        return player.model, player.state
+    return build(player.patch, player.samplerate, event_capacity=event_capacity(player.patch, False))[:2]
 
 
 # --- keys, pads and sliders

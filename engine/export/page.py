@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Container, Mapping, Sequence
 from html import escape
 from importlib.resources import files
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -68,26 +68,30 @@ PAGE = "page"  # the folder of the template
 SCRIPTS = ("page.js", "keys.js", "voices.js", "controls.js", "start.js")  # of which the last begins
 
 
+class PageSettings(NamedTuple):
+    """Settings of a page."""
+
+    samplerate: int = 44_100  # Hz
+    kernel: str = KernelName.GENERAL  # or special: compiled for this scene, which takes a minute
+    slide: Sequence[str] = ()  # live parameters that get a slider though each of its positions needs tables of its own
+    voices: int = 0  # of a patch that is no instrument: notes of a keyboard at a time; 0: it has no keyboard
+
+
 def make_page(
     scene: Scene,
     find_gain: Callable[[], float],
-    samplerate: int = 44_100,
-    kernel: str = KernelName.GENERAL,
+    settings: PageSettings,
     about: Mapping[str, str] | None = None,
-    slide: Sequence[str] = (),
-    voices: int = 0,
 ) -> str:
     """Return a scene as a page.
 
     find_gain: returns the factor on SI units, once it is known that the scene can become a page
-    kernel: general, or special: compiled for this scene, which takes a minute
-    about:  what the page says of itself: its `title`, the `text` of the patch and the `command` that made it
-    slide:  live parameters that get a slider though they need tables of their own for each of its positions
-    voices: of a patch that is no instrument: how many notes of a keyboard can sound at a time; 0: it has none
+    about:     what the page says of itself: its `title`, the `text` of the patch and the `command` that made it
 
     Raises CannotExport (a ValueError) with the reason if the scene cannot become a page, BuildError (a ValueError) if
     it cannot be built.
     """
+    samplerate, kernel, slide, voices = settings
     check_output(scene, "a page")
     if voices and slide:
         raise CannotExport("a page with voices has no sliders of its own choice: its voices share their tables")

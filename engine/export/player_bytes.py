@@ -175,10 +175,7 @@ def _is_product(tables: tuple[np.ndarray, ...], at: int, mode: int, count: int) 
 def leave_out_symmetry(laid_out: SceneBytes, model: Model) -> list[list[int]]:
     """Replace what lies below the diagonal of each matrix B of contacts by how its bits, as integers, differ from those
     above: rounding apart, B is symmetric. Return the address and the size of each."""
-    contact, islands = model.step.contact, model.islands
-    if contact is None or contact.coupling is None:
-        return []
-    coupling = contact.coupling
+    coupling, islands = model.step.contact.coupling, model.islands
     bits, left_out, place = coupling.view(np.int64).copy(), list[list[int]](), laid_out.place_of(coupling)
     for first, size in zip(islands.compliance[:-1], np.diff(islands.contact), strict=True):
         if size < 2 or first + size**2 > bits.size:

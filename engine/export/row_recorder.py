@@ -259,7 +259,7 @@ def sliders_of_player(player: RowRecorder, chosen: Container[str] = ()) -> list[
         limits = live_range(scene, *path[:3])
         ends = max(low, limits.low), min(high, limits.high)
         rows = [_rows_at(player, parameter, one) for one in (value, value + _step(value, is_linear))]
-        sliders.append(_slider(parameter, limits.unit, value, ends, is_linear, *rows))
+        sliders.append(_slider(parameter, limits.unit, value, ends, is_linear, rows))
     return sliders
 
 
@@ -275,11 +275,11 @@ def _step(value: float, is_linear: bool) -> float:
 
 
 def _slider(
-    parameter: str, unit: str, value: float, ends: tuple[float, float], is_linear: bool, low: Rows, high: Rows
+    parameter: str, unit: str, value: float, ends: tuple[float, float], is_linear: bool, rows: Sequence[Rows]
 ) -> Slider:
     """Return a slider whose rows at two values are known: at `value`, and a step beyond."""
     step = _step(value, is_linear)
-    slopes = [(b[6] - a[6]) / step for a, b in zip(low, high, strict=True)]
-    at_zero = [[*row[:6], row[6] - slope * value, *row[7:]] for row, slope in zip(low, slopes, strict=True)]
+    slopes = [(b[6] - a[6]) / step for a, b in zip(*rows, strict=True)]
+    at_zero = [[*row[:6], row[6] - slope * value, *row[7:]] for row, slope in zip(rows[0], slopes, strict=True)]
     at_one = [[*row[:6], row[6] + slope, *row[7:]] for row, slope in zip(at_zero, slopes, strict=True)]
     return Slider(parameter, unit, value, *ends, not is_linear, at_zero, at_one)

@@ -5,14 +5,16 @@ which takes a minute; they are half as large and fast.
 """
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 from engine.compiler import cache
-from engine.compiler.kinds import as_kind
+from engine.compiler.kinds import as_kind, effects_of
 from engine.compiler.machine_code import neutral_code, object_code
 from engine.compiler.shipped import archive, read_member, sources_of
+from engine.compiler.special_kernels import ALL, VARIABLE
 from engine.compiler.targets import WASM
 from engine.compiler.wasm_module import with_exports
 from engine.export.faults import CannotExport
@@ -30,9 +32,10 @@ def compile_module(requests: Requests) -> bytes:
     It is done in a process of its own: of functions that were compiled here before, Numba would link code that is
     already fitted to this machine. Raises subprocess.CalledProcessError if it fails.
     """
-    command = [sys.executable, "-m", __name__]
+    effects = next((found for _, _, kinds in requests.values() if (found := effects_of(kinds)) != ALL), ALL)
+    command, environment = [sys.executable, "-m", __name__], os.environ | {VARIABLE: str(effects)}
     asked, folder = json.dumps(requests).encode(), Path(__file__).parents[2]
-    return subprocess.run(command, input=asked, stdout=subprocess.PIPE, cwd=folder, check=True).stdout
+    return subprocess.run(command, input=asked, stdout=subprocess.PIPE, cwd=folder, env=environment, check=True).stdout
 
 
 def compile_here(requests: Requests) -> bytes:

@@ -58,7 +58,7 @@ def events_of_key(writer: KeyWriter, section: str, key: int, names: dict[str, fl
             if isinstance(table.get(name), str):
                 count = writer.copies_by_name(name, key, table[name])
         for copy in [None] if count is None else range(1, count + 1):
-            event = writer.table_of_copy(section, key, path, table, copy, count, names)
+            event = writer.table_of_copy(section, key, path, table, (copy, count), names)
             events.append((event, path, note_name(key)))
     return events
 

@@ -112,7 +112,7 @@ class KeyWriter:
 
     def _write(self, section: str, key: int, path: KeyPath, table: dict[str, Any], count: int | None) -> None:
         for copy in [None] if count is None else range(1, count + 1):
-            written = self.table_of_copy(section, key, path, table, copy, count)
+            written = self.table_of_copy(section, key, path, table, (copy, count))
             self.origins[section, len(self.sections[section])] = (path, note_name(key))
             self.sections[section].append(written)
 
@@ -122,11 +122,15 @@ class KeyWriter:
         key: int,
         path: KeyPath,
         table: dict[str, Any],
-        copy: int | None,
-        count: int | None,
+        place: tuple[int | None, int | None],
         names: dict[str, float] | None = None,
     ) -> dict[str, Any]:
-        """A table as it is at a key, for one copy of its body; names: what formulas know beside what all do."""
+        """A table as it is at a key, for one copy of its body.
+
+        place: which copy, of how many; None of a body without copies
+        names: what formulas know beside what all do
+        """
+        copy, count = place
         known = self.names(key) | {"i": float(copy or 1), "copies": float(count or 1)} | (names or {})
         written = {
             name: self.read(value, key, known, (*path, name)) for name, value in table.items() if name != "copies"

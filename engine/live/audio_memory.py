@@ -4,10 +4,12 @@ import math
 
 import numpy as np
 
+from engine.assembly.absent_parts import fill_stages
 from engine.assembly.array_memory import align_to_cache_lines
 from engine.assembly.build import BuildResult
 from engine.assembly.refinement import build_refinement
 from engine.compiler.struct_handle import StructHandle
+from engine.kernel.data.effects import EVENTS
 from engine.kernel.data.enums import Energies
 from engine.kernel.data.model import Model
 from engine.live.shared_memory import Gauge, SharedMemory, Slot
@@ -15,7 +17,7 @@ from engine.patch.accuracy import Accuracy
 from engine.patch.frames import frame_count, nearest_frame
 from engine.runtime.event_slots import VALUES_PER_EVENT, EventSlot
 from engine.runtime.exchange import INSERT_EVENT, INSERT_USE
-from engine.runtime.job_memory import RENDER_USE, JobMemory
+from engine.runtime.job_memory import JobMemory
 from engine.runtime.kernel_choice import prepare
 
 FADE_SECONDS = 0.005
@@ -52,9 +54,9 @@ class AudioMemory:
         queue_size: int = QUEUE_SIZE,
     ) -> None:
         model, samplerate = built.model, round(built.model.samplerate)
-        self.models, uses = [model, *coarser_models(built, accuracy)], [RENDER_USE, INSERT_USE]
-        prepared = prepare(self.models, built.state, uses, kernel)
-        self.kernel, self.missing_kernels, self.kinds = prepared.name, prepared.missing, prepared.kinds
+        self.models = [model, *coarser_models(built, accuracy)]
+        prepared = prepare(self.models, built.state, kernel)
+        self.kernel, self.kinds = prepared.name, prepared.kinds
         self.model_handles, self.state_handle = prepared.handles()
         self.job_memory = JobMemory(
             self.model_handles[0], self.state_handle, (RENDERED_AT_ONCE, channels), Energies.AT_CHECKS
@@ -108,6 +110,6 @@ def coarser_models(built: BuildResult, accuracy: Accuracy) -> list[Model]:
     model, layout = built.model, built.layout
     if model.refinement is None:
         return []
-    has_events, rate = model.events is not None, model.samplerate
+    has_events, rate = bool(model.effects & EVENTS), model.samplerate
     tables = [build_refinement(layout, coarse, rate, has_events, accuracy) for coarse in accuracy.coarser()[1:]]
-    return [model._replace(refinement=align_to_cache_lines(table)) for table in tables]
+    return [model._replace(refinement=align_to_cache_lines(fill_stages(model, table))) for table in tables if table]

@@ -44,7 +44,7 @@ class EventRows:
     def __init__(self, patch: Scene, built: BuildResult, samplerate: int, voices: int) -> None:
         self.patch, self.layout, self.samplerate, self.voices = patch, built.layout, samplerate, voices
         force = built.model.force
-        self.force_sizes = [] if force is None else (force.table_end - force.table_begin).tolist()
+        self.force_sizes = (force.table_end - force.table_begin).tolist()
         self._lifts: dict[str, list[EventRow]] = {}  # by body: each pluck wants them
 
     # --- what there is

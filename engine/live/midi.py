@@ -2,7 +2,6 @@
 
 import math
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -154,14 +153,13 @@ def render_notes(
     scene: Scene,
     text: str,
     samplerate: int,
-    seconds: float | None,
+    excerpt: Excerpt,
     voices: int,
     progress: Any = None,
-    excerpt: Excerpt = ALL_NOTES,
 ) -> RenderedNotes:
-    """Render the notes of a file, from the first of them on. seconds: how many of them. Raises MidiError; and
+    """Render the notes of an excerpt of a file, from the first of them on. Raises MidiError; and
     RenderInterrupted (a KeyboardInterrupt) at Ctrl-C, if something is rendered by then."""
-    excerpt = replace(excerpt, seconds=seconds)
+    seconds = excerpt.seconds
     file = read_for(scene, text, excerpt)
     lowest = lowest_ratio(text, scene, excerpt)
     player = Player(scene, samplerate, math.inf, RENDER_GAIN, voices=voices, lowest=lowest)

@@ -9,7 +9,8 @@ import numpy as np
 
 from engine.argument_checks import checked_number
 from engine.assembly.event_table import EventRow
-from engine.assembly.table_changes import Exchange, NewValue, TableChanges, plan_score
+from engine.assembly.scored_changes import plan_score
+from engine.assembly.table_changes import Exchange, NewValue, TableChanges
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import EventKind
 from engine.live.audio_memory import MAX_FRAMES
@@ -130,7 +131,7 @@ class ParameterQueue:
             if frame == 0 or frame < now:  # at once: what waits for older ones of the same parameters is forgotten
                 self._tables.forget_late([new.parameter for new in values], now)
             change = self._tables.plan(values, seconds, max(frame, now), thread, note=note)
-            self._tables.withdraw(change.reach, change.frame, self._withdraw)
+            self._tables.withdraw(change.written, change.frame, self._withdraw)
 
     def plan_score(self, scene: Scene) -> None:
         """Plan the changes of tables that a score asks for, and make them: they wait for their frames. Raises

@@ -28,7 +28,6 @@ from engine.bodies import Mass
 from engine.compiler.clock import clock_address
 from engine.faults import BuildError, Fault
 from engine.kernel.data.enums import UNUSED_SLOT, EventKind, Sleep
-from engine.kernel.data.laws import Power
 from engine.live.audio_memory import QUEUE_SIZE, AudioMemory, coarser_models
 from engine.live.event_queue import EventQueue, RowSet, checked_frame, event_capacity
 from engine.live.event_rows import MUTE_SECONDS, MUTE_SIGMA, EventRows
@@ -100,10 +99,10 @@ class Player:
         self.scene, self.samplerate, self.gain = scene, samplerate, gain
         self.channels = scene.channels
         capacity = event_capacity(scene, self.waiting and not self.voices)
-        built_with: dict[str, Any] = {"event_capacity": capacity, "variable_exponents": chosen.general}
+        built_with: dict[str, Any] = {"event_capacity": capacity}
         self.model, self.state, self.layout = built = build(scene, samplerate, **built_with)
         self.table_digest = digest_tables(self.model, self.state)
-        if self.waiting and self.model.force is not None:
+        if self.waiting:
             self.model.force.start[:] = UNUSED_SLOT
         self.rows = EventRows(self.patch, built, samplerate, self.voices)
         self.memory = AudioMemory(built, scene.accuracy, self.channels, seconds, gain, chosen.kernel, self.queue_size)
@@ -379,8 +378,8 @@ class Player:
     @cached_property
     def live_paths(self) -> dict[str, LivePath]:
         """The live parameters that `set` can change, by path. Voices are tuned with `tune` instead."""
-        contact = self.model.contact
-        paths = live_paths(self.scene, contact is not None and isinstance(contact.law, Power))
+        changes = any(isinstance(event, ChangeEvent) and event.exponent is not None for event in self.scene.event)
+        paths = live_paths(self.scene, self.options.general or changes)
         if self.voices:
             return {name: path for name, path in paths.items() if path.is_glided or path.is_level}
         return paths

@@ -14,9 +14,9 @@ class PlayerOptions:
 
     voices:  play so many copies of the scene, each of which can be tuned; none if 0
     lowest:  ratio of the lowest pitch they will be tuned to
-    general: exponents can be changed; the contact laws are then general ones, which take longer
+    general: exponents of contacts can be changed
     cores:   how many share the work, at audio priority where that is allowed; the samples are the same
-    kernel:  special, general or auto (engine.runtime.kernel_choice); the samples are the same
+    kernel:  general or special (engine.runtime.kernel_choice); the samples are the same
     waiting: forces of limited duration wait until `pluck` starts them, as those of voices do
     log:     what is done is kept for `log`; else it is only counted
     """

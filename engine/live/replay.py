@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from engine.assembly.event_table import EventRow
 from engine.files import read_bytes
+from engine.kernel.data.effects import FRICTION
 from engine.kernel.data.enums import FRICTION_EVENTS, PUSHING_EVENTS, EventKind
 from engine.live.audio_memory import MAX_FRAMES
 from engine.live.event_queue import RowSet, make_row_set
@@ -206,9 +207,9 @@ def validated_row(player: Player, row: list[int | float]) -> EventRow:
         (EventKind.STRIKE, EventKind.DAMP, EventKind.LIFT, EventKind.LAUNCH_AND_LIFT), model.islands.mode
     )
     sizes |= dict.fromkeys((EventKind.STIFFNESS, EventKind.BARRIER, EventKind.EXPONENT), model.islands.contact)
-    sizes |= dict.fromkeys(FRICTION_EVENTS if model.contact and model.contact.friction else (), model.islands.contact)
+    sizes |= dict.fromkeys(FRICTION_EVENTS if model.effects & FRICTION else (), model.islands.contact)
     sizes |= dict.fromkeys(CONNECTION_EVENTS, model.islands.connection)
-    sizes |= dict.fromkeys(PUSHING_EVENTS if model.force is not None else (), model.islands.force)
+    sizes |= dict.fromkeys(PUSHING_EVENTS, model.islands.force)
     if kind == EventKind.QUALITY:
         good = 0 <= first <= MAX_QUALITY
     elif kind in (EventKind.CANCEL, EventKind.GROUP):

@@ -128,8 +128,10 @@ def tuning_pairs(poly: Model, single: Model, voice: int) -> list[Arrays]:
     read. Raises ValueError if the voice has no room for them."""
     islands = single.islands.mode.size - 1
     first, last = voice * islands, (voice + 1) * islands
+    if single.effects & ~poly.effects:
+        raise ValueError(TOO_SMALL)
     pairs = [*_segments(poly, single, first, last), *_entries(poly, single, first, last)]
-    pairs += _softening(poly, single, first, last)
+    pairs += _stiffening(poly, single, first, last)
     if any(ours.shape != theirs.shape for ours, theirs in pairs):
         raise ValueError(TOO_SMALL)
     return [(ours, theirs) for ours, theirs in pairs if theirs.size]
@@ -150,7 +152,7 @@ def _segments(poly: Model, single: Model, first: int, last: int) -> Iterator[Arr
     arrays += pair_arrays(Connections, poly.connection, single.connection)
     arrays += pair_arrays(Tension, poly.tension, single.tension)
     for items, ours, theirs in arrays:
-        if items.axis in SEGMENTED and items.dtype is np.float64 and ours is not None and theirs is not None:
+        if items.axis in SEGMENTED and items.dtype is np.float64:
             begin = getattr(poly.islands, items.axis)
             yield ours[begin[first] : begin[last]], theirs[: getattr(single.islands, items.axis)[-1]]
 
@@ -178,11 +180,9 @@ def _entries(poly: Model, single: Model, first: int, last: int) -> Iterator[Arra
             yield from zip(ours.entries(r), theirs.entries(s), strict=True)
 
 
-def _softening(poly: Model, single: Model, first: int, last: int) -> Iterator[Arrays]:
+def _stiffening(poly: Model, single: Model, first: int, last: int) -> Iterator[Arrays]:
     """Yield the mode shapes of points on bodies that stretch, of islands `first` up to `last`."""
-    if poly.tension is None or single.tension is None:
-        return
-    ours, theirs = poly.tension.softening, single.tension.softening
+    ours, theirs = poly.tension.stiffening, single.tension.stiffening
     pairs = ours.pairs[slice(*poly.islands.pair_on_body[[first, last]])]
     if len(pairs) != len(theirs.pairs):
         raise ValueError(TOO_SMALL)
@@ -195,17 +195,14 @@ def _softening(poly: Model, single: Model, first: int, last: int) -> Iterator[Ar
 def _shapes(model: Model) -> Iterator[_Shapes]:
     """Yield the mode shape rows of a model."""
     step, contact = model.step, model.contact
-    places: list[tuple[Axis, ModeShapeRows, Any]] = [(Axis.BODY, model.bodies, ())]
-    places.append((Axis.PICKUP, model.pickups.rows, (model.flight.pickup_tables,)))
-    if model.tension is not None:
-        places.append((Axis.PICKUP, model.tension.pull, ()))
-    if model.force is not None:
-        places.append((Axis.FORCE, model.force.rows, step.force or ()))
-    if model.connection is not None and step.connection is not None:
-        places.append((Axis.CONNECTION_PART, model.connection.rows, step.connection.rows))
-    if contact is not None and step.contact is not None:
-        places.append((Axis.CONTACT, contact.rows, step.contact.rows))
-        if contact.other_rows is not None:
-            places.append((Axis.CONTACT, contact.other_rows, step.contact.other_rows or ()))
+    places: list[tuple[Axis, ModeShapeRows, Any]] = [
+        (Axis.BODY, model.bodies, ()),
+        (Axis.PICKUP, model.pickups.rows, (model.flight.pickup_tables,)),
+        (Axis.PICKUP, model.tension.pull, ()),
+        (Axis.FORCE, model.force.rows, step.force),
+        (Axis.CONNECTION_PART, model.connection.rows, step.connection.rows),
+        (Axis.CONTACT, contact.rows, step.contact.rows),
+        (Axis.CONTACT, contact.other_rows, step.contact.other_rows),
+    ]
     for axis, rows, arrays in places:
         yield _Shapes(axis, rows, [rows.phi, *arrays])

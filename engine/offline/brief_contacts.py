@@ -109,12 +109,9 @@ def watch_contacts(scene: Scene, built: BuildResult, accuracy: Accuracy, seconds
 def find_contacts(built: BuildResult, accuracy: Accuracy) -> list[WatchedContact]:
     """Return the contacts that may last only a few steps, the briefest first."""
     model, state, layout = built
-    if model.contact is None:
-        return []
     steps, shares = model.step, np.ones(1)
     if model.refinement is not None:
         steps, shares = model.refinement.stages, model.refinement.length
-    assert steps.contact is not None
     stage = int(np.argmax(np.abs(shares)))
     compliance = np.atleast_2d(steps.contact.compliance)[stage].astype(float)
     slots_of: dict[int, list[int]] = {}

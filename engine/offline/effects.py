@@ -1,35 +1,17 @@
-"""The effects that a scene may have, and which of them are compiled."""
+"""The effects that a scene has, and those that it lacks."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
+from engine.kernel.data.effects import EFFECT_NAMES
 from engine.kernel.data.model import Model
 from engine.offline.statistics_base import Statistics
 
-# name, and what holds it: None where the effect is left out
-EFFECTS: dict[str, Callable[[Model], Any]] = {
-    "loss": lambda model: model.step.loss,
-    "loss within the step": lambda model: model.step.drag,
-    "restoring force": lambda model: model.omega_squared,
-    "gravity": lambda model: model.weight,
-    "external force": lambda model: model.force,
-    "one-way drive": lambda model: model.drive,
-    "contact": lambda model: model.contact,
-    "contact between bodies": lambda model: model.contact and model.contact.other_rows,
-    "contact loss": lambda model: _at_contacts(model, "loss_rate"),
-    "coupled contacts": lambda model: _at_contacts(model, "coupling"),
-    "friction": lambda model: model.contact and model.contact.friction,
-    "connections": lambda model: model.connection,
-    "stretching": lambda model: model.tension,
-    "refinement": lambda model: model.refinement,
-    "events": lambda model: model.events,
-}
+STAGES = "refinement"  # an effect that no bit stands for
 
 
 @dataclass(frozen=True)
 class EffectStatistics(Statistics):
-    """The effects that are compiled, and those that are left out."""
+    """The effects that a special kernel of a scene has compiled, and those that it leaves out."""
 
     compiled: list[str]
     left_out: list[str]
@@ -37,10 +19,6 @@ class EffectStatistics(Statistics):
 
 def effects_of(model: Model) -> EffectStatistics:
     """Tell which effects a model has."""
-    compiled = [name for name, find in EFFECTS.items() if find(model) is not None]
-    return EffectStatistics(compiled, [name for name in EFFECTS if name not in compiled])
-
-
-def _at_contacts(model: Model, name: str) -> Any:
-    """Return an entry of the step at contacts; None without contacts."""
-    return None if model.step.contact is None else getattr(model.step.contact, name)
+    has = {name: bool(model.effects & bit) for name, bit in EFFECT_NAMES.items()}
+    has[STAGES] = model.refinement is not None
+    return EffectStatistics([name for name in has if has[name]], [name for name in has if not has[name]])

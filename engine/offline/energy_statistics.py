@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from engine.assembly.free_flight import map_of_step
+from engine.kernel.data.effects import WEIGHT
 from engine.kernel.data.enums import FLIGHT_FRAMES, Balance, EnergyTotal, FlightFrame
 from engine.kernel.data.model import Model
 from engine.kernel.data.state import State
@@ -48,10 +49,11 @@ def find_energy_totals(model: Model, state: State, frame: int) -> np.ndarray:
     flying = np.flatnonzero((end - FLIGHT_FRAMES < frame) & (frame < end))
     if not flying.size:
         return totals
-    step, lost = map_of_step(model.step, has_weight=model.weight is not None)
+    has_weight = bool(model.effects & WEIGHT)
+    step, lost = map_of_step(model.step, has_weight=has_weight)
     for n in flying:
         modes = slice(*model.islands.mode[n : n + 2])
-        motion = np.array([flight.q[modes], flight.p[modes], *([] if model.weight is None else [model.weight[modes]])])
+        motion = np.array([flight.q[modes], flight.p[modes], *([model.weight[modes]] if has_weight else [])])
         totals[n] = flight.energy_totals[n]
         with np.errstate(all="ignore"):  # of what has blown up
             for _ in range(flight.frame[n, FlightFrame.SAVED], frame):

@@ -89,8 +89,7 @@ class LargeMotion:
             return False
         q, p = self._state.q[self._modes], self._state.p[self._modes]
         squares, omega_squared = q * q, self._model.omega_squared
-        held = 0.0 if omega_squared is None else omega_squared[self._modes] * squares
-        energy = np.add.reduceat(p * p + held, self._begins, dtype=float) / 2
+        energy = np.add.reduceat(p * p + omega_squared[self._modes] * squares, self._begins, dtype=float) / 2
         if self._can_stretch:
             energy += self._stiffness / 4 * np.add.reduceat(self._kappa * squares, self._begins) ** 2
         is_large = energy > self._enough

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from engine.assembly.build import build
-from engine.assembly.table_changes import scored_tables
+from engine.assembly.scored_changes import scored_tables
 from engine.assembly.table_digest import digest_tables
 from engine.faults import RenderInterrupted
 from engine.kernel.data.state import Trace

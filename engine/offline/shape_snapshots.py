@@ -67,7 +67,7 @@ class ShapeSnapshots:
         count = max(1, min(MAX_SNAPSHOTS, MAX_NUMBERS // places, frames)) if places else 1
         self.every = -(-frames // count)
         self.kept = np.zeros((-(-frames // self.every), len(self._points)))
-        model, state = simulation.as_compiled
+        model, state = simulation.model, simulation.state
         wide_model, self._tables = widened(model, self._bodies, len(self._points))
         wide_state, self._numbers = widened(state, self._bodies, len(self._points))
         self._phi = self._mode_shapes(layout)

@@ -7,7 +7,6 @@ import numpy as np
 
 from engine.assembly.layout import Layout
 from engine.assembly.table_changes import TableChanges
-from engine.compiler.background import compile_beside
 from engine.compiler.struct_handle import StructHandle
 from engine.kernel.data.enums import BALANCE_SIZE, Energies
 from engine.kernel.data.model import Model
@@ -17,7 +16,7 @@ from engine.offline.trace import trace_rows
 from engine.runtime.exchange import INSERT_USE, exchange_tables
 from engine.runtime.helpers import start_helpers
 from engine.runtime.job_memory import RENDER_USE, JobMemory, TracedJob
-from engine.runtime.kernel_choice import is_ready, prepare
+from engine.runtime.kernel_choice import prepare
 
 MIN_BUFFER_FRAMES = 4096  # that a block may have at first: so many need no second memory
 
@@ -47,9 +46,8 @@ class Simulation:
         self.cores = min(cores, self.partitions)
         self._balance = np.zeros(BALANCE_SIZE)
         uses = [RENDER_USE, *([INSERT_USE] if tables else [])]
-        prepared = prepare([model], state, uses, kernel)
-        self.is_compiled = is_ready(prepared, uses)  # or the first block waits for it
-        compile_beside(prepared.missing)
+        prepared = prepare([model], state, kernel)
+        self.is_compiled = prepared.is_ready(uses)  # or the first block waits for it
         self.kernel, self.kinds = prepared.name, prepared.kinds
         (model_handle,), state_handle = prepared.handles()
         self._handles = model_handle, state_handle
@@ -108,16 +106,10 @@ class Simulation:
             self._memory.use_helpers(self._helpers)
         return self._memory
 
-    @property
-    def as_compiled(self) -> tuple[Model, State]:
-        """The Model and the State as the kernel takes them: a general one has numbers of all effects. They share their
-        arrays with `model` and `state`."""
-        return self._handles[0].value, self._handles[1].value
-
     def memory_of(self, model: Model, state: State, channels: int) -> JobMemory:
         """Make the memory for single samples, with the same balance; on one core.
 
-        model, state: of the kinds of `as_compiled`, which differ in what is traced
+        model, state: like those at work, which differ in what is traced
         """
         model_handle, state_handle = (
             StructHandle(value, handle.kind) for value, handle in zip((model, state), self._handles, strict=True)

@@ -39,7 +39,6 @@ class StretchingRecord(Recorder):
     """A renderer that keeps a record of the bodies that stretch. frames: of a block at most"""
 
     def __init__(self, renderer: Renderer, state: State, layout: Layout, frames: int) -> None:
-        assert state.tension is not None
         super().__init__(renderer, frames)
         stretching, islands = stretching_bodies(layout), layout.islands
         self._state, self._tension, self._layout = state, state.tension, layout

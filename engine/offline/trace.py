@@ -20,6 +20,13 @@ UNITS = {"time": "s", "displacement": "m", "velocity": "m/s", "compression": "m"
 FRICTION_UNITS = {"slip": "m/s", "friction": "N", "sticks": "1", "friction_positions": "1"}
 UNITS |= {**dict.fromkeys(ENERGIES, "J"), "samplerate": "Hz", "positions": "1", "contact_positions": "1"}
 
+COLUMNS = {  # of arrays with a column for each, where their names are
+    **dict.fromkeys(("displacement", "velocity"), ("body", "bodies")),
+    **dict.fromkeys(("compression", "force"), ("contact_name", "contacts")),
+    **dict.fromkeys(("slip", "friction", "sticks"), ("friction_name", "frictions")),
+}
+LISTS_OF_NAMES = dict.fromkeys(names for _, names in COLUMNS.values())
+
 
 class TraceArrays(TypedDict):
     """The arrays of a trace by name, as `rendering.trace` has them and `fdh render --trace` writes them.
@@ -80,7 +87,7 @@ class TraceArrays(TypedDict):
 def allocate_trace(model: Model, frames: int) -> Trace:
     """Memory for a trace."""
     bodies = model.bodies.mode_begin.size
-    contacts = model.contact.nominal_barrier.size if model.contact is not None else 0
+    contacts = model.contact.nominal_barrier.size
     return Trace(
         displacement=np.zeros((frames, bodies)),
         velocity=np.zeros((frames, bodies)),

@@ -152,7 +152,7 @@ def explain_build_doubts(scene: Scene, layout: Any, model: Any) -> list[str]:
             reasons.append(f'the paper\'s scheme moves heavily damped bodies too far ("{heavy[0]}"); scheme = "exact"')
     damped = {b.name: b for b in scene.body if isinstance(b, Mass) and b.damping_rate > rate and scene.gravity != 0.0}
     steps = model.step if model.refinement is None else model.refinement.stages
-    compliance = np.atleast_2d(0.0 if steps.contact is None else steps.contact.compliance).max(axis=0)
+    compliance = np.atleast_2d(steps.contact.compliance).max(axis=0)
     for slot, (k, point) in enumerate(layout.islands.contact_points if damped else ()):
         contact = scene.contact[k]
         body = damped.get(contact.body) if contact.on is None else None

@@ -8,8 +8,9 @@ from pydantic_core import InitErrorDetails
 from engine.bodies import AirBox, String
 from engine.bodies.sheet import FlatSheet
 from engine.bodies.table import KeyPath, is_given, is_number, make_fault
+from engine.patch.live_parameters import GLIDED_KEYS
 from engine.patch.positions import check_positions, kind_of, tables_of
-from engine.wording import format_names, format_value
+from engine.wording import format_value
 
 Faults = Iterator[InitErrorDetails]
 
@@ -117,24 +118,11 @@ def _check_spring(path: KeyPath, table: dict[str, Any], bodies: dict[str, Any]) 
         yield make_fault((*path, "on_at"), table["on_at"], "on_at is given without on", "name the other body by on")
 
 
-def check_change_of_connection(path: KeyPath, event: dict[str, Any], connections: dict[str, Any]) -> Faults:
-    """An event changes what a spring has."""
-    for key in ("exponent", "barrier", "gap"):
-        if is_given(event, key):
-            remedy = "a connection has a stiffness, a damping_coefficient and a rest"
-            yield make_fault((*path, key), event[key], f"a connection has no {key}", remedy)
-    if not any(is_given(event, key) for key in ("stiffness", "damping_coefficient", "rest")):
-        yield make_fault(path, event, "nothing changes", "give a new stiffness, damping_coefficient or rest")
-    connection = connections.get(str(event.get("connection")))
-    if connection is None:
-        message = f"no connection is named {format_value(event.get('connection'))}"
-        remedy = f"the named connections are {format_names(connections)}"
-        yield make_fault((*path, "connection"), event.get("connection"), message, remedy)
-    elif connection.get("rigid") is True or connection.get("kind", "spring") != "spring":
-        words = {"end": "the end of a string", "air": "air"}
-        what = "a rigid joint" if connection.get("rigid") is True else words.get(str(connection.get("kind")), "")
-        message = f"{format_value(event['connection'])} is {what}, which has nothing that can change"
-        yield make_fault((*path, "connection"), event["connection"], message, "give a spring")
+def absent_in_connection(connection: dict[str, Any]) -> dict[str, str]:
+    """Return the keys that glide of springs alone, and what another connection is instead."""
+    kinds = {"end": "the end of a string", "air": "air"}
+    what = "a rigid joint" if connection.get("rigid") is True else kinds.get(str(connection.get("kind", "spring")))
+    return {} if what is None else dict.fromkeys(GLIDED_KEYS["connection"], f"is {what}")
 
 
 def find_rigid_joint(name: Any, data: dict[str, Any]) -> bool:

@@ -1,6 +1,6 @@
 """Friction in a patch: the table `[[friction]]`, and its rules.
 
-The kernels count points of friction with those of contacts (engine.kernel.interactions.friction), so that this table
+The kernels count points of friction with those of contacts (engine.kernel.contact.friction_points), so that this table
 answers what assembly asks of a contact.
 """
 
@@ -16,8 +16,6 @@ from engine.patch.tables import ANGLE, Angle
 from engine.wording import format_names, format_value
 
 Faults = Iterator[InitErrorDetails]
-
-CHANGED_KEYS = ("velocity", "force", "static", "dynamic", "speed", "memory", "bristle")  # in the order of Sliding
 
 DAMPING_TIME = 2e-5  # s: damping of a bristle over its stiffness, if a patch gives none; it settles within 0.1 ms
 
@@ -94,6 +92,7 @@ class Friction(Table):
     frets: ClassVar[None] = None
     gap: ClassVar[None] = None
     barrier: ClassVar[None] = None
+    has_power_law: ClassVar[bool] = False
 
     @property
     def stiffness(self) -> float:
@@ -159,22 +158,7 @@ def _check_pressing(
         yield make_fault((*path, "contact"), name, message, "give a contact with one point, or as many")
 
 
-def check_change_of_friction(path: KeyPath, event: dict[str, Any], frictions: dict[str, Any]) -> Faults:
-    """An event changes what friction has."""
-    for key in ("stiffness", "exponent", "barrier", "gap", "damping_coefficient", "rest"):
-        if is_given(event, key):
-            remedy = f"give {', '.join(CHANGED_KEYS[:-1])} or {CHANGED_KEYS[-1]}"
-            yield make_fault((*path, key), event[key], f"friction has no {key}", remedy)
-    if not any(is_given(event, key) for key in CHANGED_KEYS):
-        remedy = f"give a new {', '.join(CHANGED_KEYS[:-1])} or {CHANGED_KEYS[-1]}"
-        yield make_fault(path, event, "nothing changes", remedy)
-    friction = frictions.get(str(event.get("friction")))
-    if friction is None:
-        message = f"no friction is named {format_value(event.get('friction'))}"
-        remedy = f"the named ones are {format_names(frictions)}"
-        yield make_fault((*path, "friction"), event.get("friction"), message, remedy)
-        return
-    for key, other, given in (("force", "contact", "contact"), ("velocity", "on", "second body")):
-        if is_given(event, key) and is_given(friction, other):
-            message = f"{format_value(event['friction'])} has a {given}, and no {key}"
-            yield make_fault((*path, key), event[key], message, "change another key")
+def absent_in_friction(friction: dict[str, Any]) -> dict[str, str]:
+    """Return the keys that a friction lacks, and what it has instead."""
+    pairs = ("force", "contact", "contact"), ("velocity", "on", "second body")
+    return {key: f"has a {what}" for key, given, what in pairs if is_given(friction, given)}

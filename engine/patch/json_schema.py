@@ -5,6 +5,7 @@ from typing import Any
 from engine.bodies import BODIES
 from engine.patch.scene_tables import SceneTables
 
+FORMULA = "Formula"  # the definition of a text such as "= 2*radius"
 SCHEMA_DRAFT = "http://json-schema.org/draft-07/schema#"  # the one that editors of TOML know
 
 
@@ -32,6 +33,29 @@ def patch_schema() -> dict[str, Any]:
     schema["anyOf"] = [{"required": needed}, {"required": ["keyboard", "key"]}]
     head = {"$schema": SCHEMA_DRAFT, "title": "Patch", "description": "A patch of the FDH engine, in SI units."}
     return head | {key: _simplify(node) for key, node in {**schema, **head, "definitions": tables}.items()}
+
+
+def editor_schema() -> dict[str, Any]:
+    """The same for editors: every number may be a formula of named values, too."""
+    schema: dict[str, Any] = _allow_formulas(patch_schema())
+    return schema
+
+
+def _allow_formulas(node: Any) -> Any:
+    """A schema in which a number may be a formula."""
+    if isinstance(node, list):
+        return [_allow_formulas(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    if node.get("type") in ("number", "integer"):
+        said = {key: node[key] for key in ("description", "default") if key in node}
+        return said | {
+            "anyOf": [{key: node[key] for key in node if key not in said}, {"$ref": f"#/definitions/{FORMULA}"}]
+        }
+    inner = {key: _allow_formulas(value) for key, value in node.items()}
+    if "definitions" in inner:
+        inner["definitions"][FORMULA] = {"type": "string", "pattern": "^\\s*="}
+    return inner
 
 
 def _simplify(node: Any) -> Any:

@@ -12,15 +12,14 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
-from engine.patch.friction import CHANGED_KEYS
 from engine.patch.live_ranges import FACTORS, live_range
 from engine.patch.tables import SpringConnection
 from engine.wording import describe_violation
 
 GLIDED_KEYS = {
-    "contact": ("stiffness", "barrier", "gap", "exponent"),
+    "contact": ("stiffness", "exponent", "barrier", "gap"),
     "connection": ("stiffness", "damping_coefficient", "rest"),
-    "friction": CHANGED_KEYS,
+    "friction": ("velocity", "force", "static", "dynamic", "speed", "memory", "bristle"),  # in the order of Sliding
 }
 TABLE_KEYS = {"contact": ("loss", "at", "on_at"), "force": ("amplitude", "at")}
 TABLE_KEYS |= dict.fromkeys(("connection", "friction"), ("at", "on_at"))
@@ -81,11 +80,6 @@ def live_paths(scene: Any, variable_exponents: bool = False) -> dict[str, LivePa
     return paths
 
 
-def live_parameters(scene: Any, variable_exponents: bool = False) -> list[str]:
-    """The paths of `live_paths`."""
-    return list(live_paths(scene, variable_exponents))
-
-
 def _tables(scene: Any) -> Iterator[tuple[str, int, Any]]:
     for section in SECTIONS:
         yield from ((section, i, table) for i, table in enumerate(getattr(scene, section)))
@@ -97,7 +91,7 @@ def _glided(section: str, table: Any, variable_exponents: bool) -> Iterator[str]
         yield from GLIDED_KEYS["connection"]
     if section == "friction" and table.name is not None:
         absent = {"velocity" if table.on is not None else "", "force" if table.contact is not None else ""}
-        yield from (key for key in CHANGED_KEYS if key not in absent)
+        yield from (key for key in GLIDED_KEYS["friction"] if key not in absent)
     if section == "contact" and table.name is not None and table.stiffness > 0.0:
         yield "stiffness"
         yield "gap" if table.on else "barrier"

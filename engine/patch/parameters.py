@@ -5,9 +5,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from engine.bodies.table import is_number
+from engine.instrument.formula import is_formula
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
 from engine.patch.live_parameters import live_paths, value_at
 from engine.patch.live_ranges import live_range
+from engine.patch.named_values import VALUES, NamedValues
 from engine.patch.number_format import split_unit
 from engine.patch.reference_page import SECTIONS, format_range, top_level
 from engine.patch.scene_tables import SceneTables
@@ -61,6 +63,10 @@ def list_parameters(scene: SceneTables) -> list[Parameter]:
                 parameters += _table_parameters(
                     f"{section}.{name}.", table, tables[table.get("kind") or next(iter(tables))], schema
                 )
+    named = NamedValues(dict(scene.values)).numbers
+    meaning = "named value, which formulas use"
+    given = [name for name, value in scene.values.items() if not is_formula(value)]
+    parameters += [Parameter(f"{VALUES}.{name}", named[name], "", "any number", meaning, False) for name in given]
     return [
         replace(p, live=True, range=str(live_range(scene, *paths[p.path][:3])._replace(unit="")))
         if p.path in paths

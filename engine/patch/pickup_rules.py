@@ -12,6 +12,14 @@ from engine.wording import format_value
 
 Faults = Iterator[InitErrorDetails]
 
+QUANTITY_UNITS = {
+    "displacement": "m",
+    "velocity": "m/s",
+    "acceleration": "m/s²",
+    "pressure": "Pa",
+    **dict.fromkeys(("force", "end_force"), "N"),
+}
+
 
 def check_pickup(path: KeyPath, pickup: dict[str, Any], body: dict[str, Any] | None) -> Faults:
     """A pickup has the keys of what it hears. body: the table of its body"""

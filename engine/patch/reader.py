@@ -1,6 +1,7 @@
 """Patches are read here: a TOML file in, a validated `Scene` or located faults out."""
 
 import difflib
+import json
 import re
 import tomllib
 import warnings
@@ -57,13 +58,13 @@ def read_scene(kind: type[S], path: str | Path | dict[str, Any]) -> S:
         )
     path = find_patch(path)
     text = read_text(path)
-    data = _parse_toml(str(path), text)
+    data = _parse_json(str(path), text) if path.suffix.lower() == ".json" else _parse_toml(str(path), text)
     if not data:
         raise PatchError([Fault("", f"empty; {program_name()} new NAME writes a first patch", str(path))])
     if remove_precision(data):
         note = Fault(format_path(PATH), NOTE, str(path), nearest_line(locate_keys(text), PATH))
         warnings.warn(str(note), PatchWarning, stacklevel=3)  # where `fdh.load` is called
-    return validate_document(kind, data, path.parent, str(path), text)
+    return validate_document(kind, data, path.parent, str(path), "" if path.suffix.lower() == ".json" else text)
 
 
 def read_text(path: Path) -> str:
@@ -189,6 +190,18 @@ def _parse_toml(file: str, text: str) -> dict[str, Any]:
         line = text.count("\n", 0, next(long, 0)) + 1
         message = f"a number of over {MAX_NUMBER_DIGITS} digits; as 1e9, for instance"
         raise PatchError([Fault("", message, file, line)]) from None
+
+
+def _parse_json(file: str, text: str) -> dict[str, Any]:
+    """Parse a text. Raises PatchError."""
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        line = getattr(error, "lineno", None)
+        raise PatchError([Fault("", f"not valid JSON ({getattr(error, 'msg', error)})", file, line)]) from None
+    if not isinstance(data, dict):
+        raise PatchError([Fault("", 'not a patch; write an object, such as {"body": […], "pickup": […]}', file)])
+    return data
 
 
 def _make_syntax_fault(file: str, text: str, error: tomllib.TOMLDecodeError) -> Fault:

@@ -29,7 +29,8 @@ the name of a measured point.
 keys if the first line of a patch is `#:schema` and the path of `patches/patch.schema.json`, as in those shipped.
 """
 
-# arrays of tables and [accuracy]: their headings, and the tables inside them with the names of their models
+# arrays of tables and [accuracy]: their headings; and the tables inside them with the names of their models, where one
+# key has several
 SECTIONS: dict[str, tuple[str, dict[str, str]]] = {
     "body": (
         "Bodies: `[[body]]`",
@@ -41,7 +42,7 @@ SECTIONS: dict[str, tuple[str, dict[str, str]]] = {
             for kind, shape in INITIAL_SHAPES.items()
         },
     ),
-    "contact": ("Contacts: `[[contact]]`", {"bridge = { … }": "Bridge", "frets = { … }": "Frets"}),
+    "contact": ("Contacts: `[[contact]]`", {}),
     "connection": ("Connections: `[[connection]]`", {}),
     "friction": ("Friction: `[[friction]]`", {}),
     "bow": ("Bows: `[[bow]]`", {"strokes = [{ … }]": "Stroke"}),
@@ -99,9 +100,18 @@ def reference_page() -> str:
             lines += [f'### `kind = "{kind}"`', ""] if kind else []
             lines += _table_section(table)
         lines += [PICTURES[name], ""] if name in PICTURES else []
+        inner = inner or {title: model for table in tables.values() for title, model in _inner_tables(table)}
         for title, model in inner.items():
             lines += [f"### `{title}`", "", *_table_section(schema["definitions"][model])]
     return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
+
+
+def _inner_tables(table: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the keys of a table that are tables, as a patch writes them, with the names of their models."""
+    for key, node in table["properties"].items():
+        options = [node, *node.get("anyOf", []), *node.get("allOf", [])]
+        for model in [option["$ref"].rpartition("/")[2] for option in options if "$ref" in option]:
+            yield f"{key} = {{ … }}", model
 
 
 def top_level(schema: dict[str, Any]) -> dict[str, Any]:

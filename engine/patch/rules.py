@@ -12,13 +12,13 @@ from pydantic_core import InitErrorDetails
 from engine.bodies import String
 from engine.bodies.distributed import DistributedBody
 from engine.bodies.table import KeyPath, is_given, is_number, make_fault
-from engine.patch.connection_rules import check_change_of_connection, check_connections, find_rigid_joint
+from engine.patch.connection_rules import absent_in_connection, check_connections, find_rigid_joint
+from engine.patch.event_rules import check_event, check_stiffness
 from engine.patch.force_rules import check_force
-from engine.patch.friction import CHANGED_KEYS as FRICTION_KEYS
-from engine.patch.friction import check_change_of_friction, check_friction
+from engine.patch.friction import absent_in_friction, check_friction
+from engine.patch.live_parameters import GLIDED_KEYS
 from engine.patch.pickup_rules import check_pickup
 from engine.patch.positions import check_positions, count_positions, kind_of, tables_of
-from engine.patch.tables import MAX_EXPONENT, MAX_FORCE_AT_1_MM, max_stiffness
 from engine.wording import format_names, format_value
 
 Faults = Iterator[InitErrorDetails]
@@ -28,16 +28,18 @@ BODY_KEYS = (
     *(("friction", "body"), ("friction", "on")),
     *(("force", "body"), ("event", "body"), ("pickup", "body")),
 )
-CHANGED_KEYS = ("stiffness", "exponent", "barrier", "gap", "damping_coefficient", "rest")
+
+
+def _named_tables(data: dict[str, Any], section: str) -> dict[str, dict[str, Any]]:
+    """Return the tables of a section that have names, by these."""
+    return {table["name"]: table for _, table in tables_of(data, section) if isinstance(table.get("name"), str)}
 
 
 def check_rules(data: dict[str, Any]) -> Faults:
     """All faults of a document that break these rules."""
-    bodies = {b["name"]: b for _, b in tables_of(data, "body") if isinstance(b.get("name"), str)}
-    contacts, connections, frictions = (
-        {c["name"]: c for _, c in tables_of(data, section) if isinstance(c.get("name"), str)}
-        for section in ("contact", "connection", "friction")
-    )
+    bodies = _named_tables(data, "body")
+    absent = {"contact": _absent_in_contact, "connection": absent_in_connection, "friction": absent_in_friction}
+    sections = {section: (_named_tables(data, section), absent[section]) for section in GLIDED_KEYS}
     for section in ("body", "contact", "connection", "friction", "pickup"):
         yield from _check_unique(data, section)
     for i, body in tables_of(data, "body"):
@@ -53,7 +55,7 @@ def check_rules(data: dict[str, Any]) -> Faults:
         yield from _check_contact(("contact", i), contact, bodies)
     yield from check_connections(data, bodies)
     for i, friction in tables_of(data, "friction"):
-        yield from check_friction(("friction", i), friction, bodies, contacts)
+        yield from check_friction(("friction", i), friction, bodies, sections["contact"][0])
         yield from _check_angle(("friction", i, "angle"), friction, bodies.get(str(friction.get("body"))))
     end = data.get("seconds", 2.0)
     for i, event in tables_of(data, "event"):
@@ -62,7 +64,7 @@ def check_rules(data: dict[str, Any]) -> Faults:
             yield make_fault(
                 ("event", i, "time"), time, "after the end", f"give a time before {end:g} s, or more seconds"
             )
-        yield from _check_event(("event", i), event, bodies, (contacts, connections, frictions))
+        yield from check_event(("event", i), event, bodies, sections)
         if event.get("kind") == "strike" and find_rigid_joint(event.get("body"), data):
             message = f"a rigid joint holds {format_value(event['body'])}, which cannot be launched"
             yield make_fault(("event", i, "body"), event["body"], message, "give the joint a stiffness, or use a force")
@@ -98,12 +100,6 @@ def has_length(body: dict[str, Any]) -> bool:
     return kind is not None and kind.HAS_LENGTH
 
 
-def is_lumped(body: dict[str, Any]) -> bool:
-    """True if a table describes a mass or an oscillator."""
-    kind = kind_of(body)
-    return kind is not None and kind.IS_LUMPED
-
-
 def _check_unique(data: dict[str, Any], section: str) -> Faults:
     """Each table of a section has a name of its own."""
     names: set[str] = set()
@@ -114,13 +110,6 @@ def _check_unique(data: dict[str, Any], section: str) -> Faults:
             yield make_fault((section, i, "name"), name, message, remedy)
         elif isinstance(name, str):
             names.add(name)
-
-
-def _check_exists(path: KeyPath, name: Any, known: dict[str, Any], singular: str, plural: str) -> Faults:
-    """A name that a table refers to is that of a table."""
-    if isinstance(name, str) and name not in known:
-        message, remedy = f"no {singular} is named {format_value(name)}", f"the {plural} are {format_names(known)}"
-        yield make_fault(path, name, message, remedy)
 
 
 def _check_bodies_exist(data: dict[str, Any], bodies: dict[str, Any]) -> Faults:
@@ -163,7 +152,10 @@ def _check_contact(path: KeyPath, contact: dict[str, Any], bodies: dict[str, Any
     if on and barrier:
         remedy = "a contact between two bodies has a gap, not a barrier"
         yield make_fault((*path, "barrier"), contact["barrier"], "on and barrier are both given", remedy)
-    yield from _check_stiffness((*path, "stiffness"), contact.get("stiffness"), contact.get("exponent"))
+    yield from check_stiffness((*path, "stiffness"), contact.get("stiffness"), contact.get("exponent"))
+    if contact.get("loss") and is_given(contact, "relaxation"):
+        message = "loss and relaxation are both given"
+        yield make_fault((*path, "loss"), contact["loss"], message, "give one of them")
     if profile:
         yield from _check_profile(path, contact, body, profile)
         return
@@ -204,12 +196,9 @@ def _check_contact_positions(
             yield make_fault((*path, key), value, f"{len(value)} numbers for {points} position(s)", remedy)
 
 
-def _check_stiffness(path: KeyPath, stiffness: Any, exponent: Any) -> Faults:
-    """No contact is harder than energy can be accounted for (`max_stiffness`)."""
-    if is_number(stiffness) and is_number(exponent) and 1.0 <= exponent <= MAX_EXPONENT:
-        if stiffness > max_stiffness(exponent):
-            remedy = f"at most {max_stiffness(exponent):.3g} N/m^{exponent:g}, {MAX_FORCE_AT_1_MM:g} N at 1 mm"
-            yield make_fault(path, stiffness, f"{stiffness:g} is stiffer than any material", remedy)
+def _absent_in_contact(contact: dict[str, Any]) -> dict[str, str]:
+    """Return the key that a contact lacks, and what it has instead."""
+    return {"barrier": "has a gap"} if is_given(contact, "on") else {"gap": "has a barrier"}
 
 
 def _joins_same_position(contact: dict[str, Any], body: dict[str, Any] | None) -> bool:
@@ -263,64 +252,3 @@ def _check_bridge(path: KeyPath, bridge: dict[str, Any], body: dict[str, Any]) -
         if at - half < 0 or at + half > 1:
             remedy = f"{format_value(body['name'])} is {length:g} m long"
             yield make_fault((*path, "width"), width, "the bridge extends beyond the end", remedy)
-
-
-def _check_event(
-    path: KeyPath,
-    event: dict[str, Any],
-    bodies: dict[str, Any],
-    changing: tuple[dict[str, Any], dict[str, Any], dict[str, Any]],
-) -> Faults:
-    """A strike moves a lumped body; a change is of something that a named contact has."""
-    kind, body = event.get("kind"), bodies.get(str(event.get("body")))
-    if kind == "strike" and body is not None and kind_of(body) is not None and not is_lumped(body):
-        message = f"{format_value(event['body'])} is a {body.get('kind')}"
-        remedy = "launch a mass or an oscillator; use a force or pluck for other bodies"
-        yield make_fault((*path, "body"), event["body"], message, remedy)
-    if kind != "change":
-        return
-    contacts, connections, frictions = changing
-    given = [key for key in ("contact", "connection", "friction", "parameter") if is_given(event, key)]
-    if len(given) != 1:
-        none = "neither contact, connection nor friction is given"
-        message = f"both {' and '.join(given[:2])} are given" if given else none
-        yield make_fault(path, event, message, "name the one that changes")
-        return
-    if is_given(event, "parameter") != is_given(event, "value"):
-        message, remedy = (
-            ("no value is given", "give the value that it glides to")
-            if given == ["parameter"]
-            else ("value is given", "")
-        )
-        yield make_fault(path, event, message, remedy or f"a {given[0]} has a stiffness and other keys")
-    if given == ["parameter"]:
-        for key in (*CHANGED_KEYS, *FRICTION_KEYS):
-            if is_given(event, key):
-                yield make_fault(
-                    (*path, key), event[key], f"parameter and {key} are both given", "give the new number as value"
-                )
-        return
-    if given == ["friction"]:
-        yield from check_change_of_friction(path, event, frictions)
-        return
-    for key in FRICTION_KEYS:
-        if is_given(event, key):
-            yield make_fault((*path, key), event[key], f"a {given[0]} has no {key}", "only friction has one")
-    if given == ["connection"]:
-        yield from check_change_of_connection(path, event, connections)
-        return
-    for key in ("damping_coefficient", "rest"):
-        if is_given(event, key):
-            yield make_fault((*path, key), event[key], f"a contact has no {key}", "only a connection has one")
-    yield from _check_exists((*path, "contact"), event.get("contact"), contacts, "contact", "named contacts")
-    if not any(is_given(event, key) for key in ("stiffness", "exponent", "barrier", "gap")):
-        yield make_fault(path, event, "nothing changes", "give a new stiffness, exponent, barrier or gap")
-    contact = contacts.get(str(event.get("contact")), {})
-    stiffness, exponent = (event.get(key, contact.get(key)) for key in ("stiffness", "exponent"))
-    key = "stiffness" if is_given(event, "stiffness") else "exponent"
-    yield from _check_stiffness((*path, key), stiffness, exponent)
-    has_gap = is_given(contact, "on")
-    for key, other_key, is_absent in (("barrier", "gap", has_gap), ("gap", "barrier", bool(contact) and not has_gap)):
-        if is_given(event, key) and is_absent:
-            remedy = f"{format_value(event['contact'])} has a {other_key}"
-            yield make_fault((*path, key), event[key], f"that contact has no {key}", remedy)

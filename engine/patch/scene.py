@@ -6,6 +6,7 @@ from typing import Any
 
 from engine.argument_checks import values_by_path
 from engine.instrument.expansion import Expansion
+from engine.output_files import write_text
 from engine.patch.parameters import Parameter, list_parameters
 from engine.patch.paths import replace_values
 from engine.patch.reader import DOCUMENT, read_scene, validate_document, validate_expansion
@@ -52,6 +53,44 @@ class Scene(SceneTables):
         """
         given = {} if path is None and value is None else values_by_path(path, value)
         return replace_values(self, given | values)
+
+    def to_toml(self, folder: str | Path | None = None) -> str:
+        """Return the patch as text, with units as comments; it is read as the same scene.
+
+        folder: to which the files that it names are relative; they are absolute if it is None
+
+        Raises ValueError, which names what cannot be written.
+
+        >>> import fdh
+        >>> ball = {"name": "ball", "kind": "mass", "mass": 0.1, "velocity": 1.0}
+        >>> print(fdh.load({"body": [ball], "pickup": [{"body": "ball"}]}).to_toml())
+        [[body]]
+        name = "ball"
+        kind = "mass"
+        mass = 0.1 # kg
+        velocity = 1.0 # m/s
+        <BLANKLINE>
+        [[pickup]]
+        body = "ball"
+        quantity = "velocity"
+        <BLANKLINE>
+        """
+        from engine.patch.toml_text import write_toml
+
+        return write_toml(self, None if folder is None else Path(folder))
+
+    def save(self, path: str | Path) -> None:
+        """Write the patch to a file, which `load` reads as the same scene: TOML, or JSON if its name ends in .json.
+        Files that it names stay where they are, and are named by their paths from there. Raises ValueError, which names
+        what cannot be written; OSError."""
+        path = Path(path)
+        folder = path.absolute().parent
+        if path.suffix.lower() == ".json":
+            from engine.patch.toml_text import write_json
+
+            write_text(path, write_json(self, folder))
+        else:
+            write_text(path, self.to_toml(folder))
 
     def with_expansion(self, expansion: Expansion) -> "Scene":
         """Another scene of the same instrument: of other keys, or another score. Raises PatchError, with paths of the

@@ -28,6 +28,7 @@ from engine.patch.control_tables import Control, Midi
 from engine.patch.frames import SAMPLE_RATE_RANGE
 from engine.patch.friction import Friction
 from engine.patch.live_parameters import live_paths
+from engine.patch.named_values import fill_in_values
 from engine.patch.positions import tables_of
 from engine.patch.rules import check_rules
 from engine.patch.tables import MAX_GRAVITY, MAX_SECONDS, Connection, Contact, Event, Force, Pickup, SampledForce
@@ -61,6 +62,18 @@ class SceneTables(Table):
         le=MAX_GRAVITY,
         description="downward acceleration of masses and oscillators, m/s²: with 9.81 their weight is -9.81 N/kg",
     )
+    values: dict[str, float | str] = Field(
+        default={},
+        exclude=True,
+        description='named values: numbers, numbers with a unit ("6 cm"), or formulas ("= 2*radius"), which all other'
+        " values may use",
+    )
+    vary: dict[str, str | int | list[float | int | str]] = Field(
+        default={},
+        exclude=True,
+        description="what variations draw anew (`fdh sweep --variations`): a named value, or the path of a value, and"
+        ' its range: "A..B", "A..B:log", "A~B" (normal, with standard deviation B), or a list of values; `seed`',
+    )
     tremolo: Tremolo | None = Field(default=None, description="tremolo of the output")
     accuracy: Accuracy = Field(default=Accuracy(), description="accuracy settings")
     body: list[Body] = Field(min_length=1, max_length=MAX_TABLES, description="the bodies")
@@ -90,6 +103,7 @@ class SceneTables(Table):
     note: list[Note] = Field(default=[], max_length=MAX_NOTES, exclude=True, description="notes of an instrument")
     pedal: list[Pedal] = Field(default=[], max_length=MAX_NOTES, exclude=True, description="pedals of an instrument")
     _document: dict[str, Any] | None = PrivateAttr(default=None)  # of an instrument, as it was read
+    _source: dict[str, Any] | None = PrivateAttr(default=None)  # of a patch with named values, as it was read
     _folder: Path = PrivateAttr(default=Path())
     _output_gains: dict[int, float] = PrivateAttr(default_factory=dict)  # of channels, from 0, as a session sets them
 
@@ -101,6 +115,11 @@ class SceneTables(Table):
         scene = None
         context = info.context or {}
         folder, document = Path(context.get("folder", ".")), None
+        source = data
+        if isinstance(data, dict):
+            data, faults = fill_in_values(data)
+            if faults:
+                raise ValidationError.from_exception_data(cls.__name__, faults[:MAX_FAULTS_COLLECTED])
         if is_instrument(data):
             expansion = context.get("expansion")
             document = data if expansion is not None else copy.deepcopy(data)  # which who gave it may change
@@ -142,6 +161,8 @@ class SceneTables(Table):
             scene = scene.model_copy(update={"event": [as_plain_change(event, paths) for event in scene.event]})
         if document is not None:
             scene._document, scene._folder = document, folder
+        elif scene.values:
+            scene._source, scene._folder = copy.deepcopy(source), folder
         return scene
 
     @property
@@ -152,8 +173,9 @@ class SceneTables(Table):
     @property
     def document(self) -> dict[str, Any]:
         """Return the patch as a document that can be read again: a copy, with numbers in place of the files that bodies
-        name; of an instrument, as it was read."""
-        return copy.deepcopy(self._document) if self._document is not None else self.model_dump(exclude_unset=True)
+        name; of an instrument, or of a patch with named values, as it was read."""
+        source = self._document if self._document is not None else self._source
+        return self.model_dump(exclude_unset=True) if source is None else copy.deepcopy(source)
 
     @property
     def folder(self) -> Path:

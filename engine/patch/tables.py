@@ -20,6 +20,7 @@ from engine.bodies.table import (
     Velocity,
     is_given,
 )
+from engine.patch.relaxation import Relaxation
 from engine.wording import format_value
 
 MAX_SECONDS = 3_600.0  # of a rendering
@@ -127,6 +128,9 @@ class Contact(Table):
     stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent; at 1 mm of compression at most 1e15 N")
     exponent: Exponent = Field(description="exponent α of the power law, at least 1")
     loss: float = Field(default=0.0, ge=0.0, le=1e9, description="Hunt-Crossley damping μ, s/m")
+    relaxation: Relaxation | None = Field(
+        default=None, description="felt with memory: a share of the stiffness relaxes while it is pressed; without loss"
+    )
     radius: float | None = Field(
         default=None,
         ge=0.0,
@@ -135,6 +139,11 @@ class Contact(Table):
         " string or bar that of a piece of twice this length, of either up to the rim; 0.005 on membranes if absent,"
         " and a point elsewhere",
     )
+
+    @property
+    def has_power_law(self) -> bool:
+        """True if its force follows from the compression alone: then steps back in time keep its energy, too."""
+        return self.relaxation is None
 
     @model_validator(mode="before")
     @classmethod

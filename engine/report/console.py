@@ -354,5 +354,6 @@ def print_sweep(outcome: dict[str, Any]) -> None:
         print(f"{failed} of {points} failed; see the column status of {outcome['index']}", file=sys.stderr)
     gain = f", all at {outcome['gain_db']:+.1f} dB" if "gain_db" in outcome else ""
     print(f"{done} of {points} done{before}{gain}\n{outcome['index']}")
-    if "sfz" in outcome:
-        print(outcome["sfz"])
+    for file in ("sfz", "sheet"):
+        if file in outcome:
+            print(outcome[file])

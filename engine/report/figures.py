@@ -67,6 +67,7 @@ PAPER_SETTINGS: dict[Any, Any] = dict.fromkeys(PAPER_TEXTS, PAPER_FONT)
 PAPER_SETTINGS |= {"axes.linewidth": 0.6, "lines.linewidth": 0.9, "lines.markersize": 4, "axes.labelpad": 3}
 PAPER_SETTINGS |= {f"{axis}tick.major.{key}": size for axis in "xy" for key, size in (("width", 0.6), ("size", 2.5))}
 PAPER_SETTINGS |= {f"{axis}tick.minor.{key}": size for axis in "xy" for key, size in (("width", 0.4), ("size", 1.5))}
+PLOT_PANELS = "waveform", "spectrogram", "energies", "iterations", "contact", "shape"  # of a rendering, downwards
 PLOT_STYLES = {
     "screen": PlotStyle(120, None, 1.0, 12, {"legend.fontsize": "x-small"}),
     "paper": PlotStyle(600, 3.4, 0.62, None, PAPER_SETTINGS),  # a column of a journal is 86 mm wide

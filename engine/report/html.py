@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable, Iterator
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -67,28 +67,24 @@ footer { margin-top: 3rem; padding-top: .8rem; border-top: 1px solid var(--line)
 """
 
 
+class PageContents(NamedTuple):
+    """A rendering, and all else that its page shows."""
+
+    rendering: "RenderedArrays"  # with its trace
+    audio: np.ndarray  # [frames, channels], at the level of the file
+    stats: dict[str, Any]  # as `--json` prints them
+    profile: "Profile"  # of the scene
+    study: "WorkPrecisionStudy | None" = None  # of accuracy and cost
+    shape: "StringShape | None" = None  # of a string that moves
+
+
 def compose_page(
     title: str,
     text: str,
-    rendering: "RenderedArrays",
-    audio: np.ndarray,
-    stats: dict[str, Any],
-    profile: "Profile",
-    study: "WorkPrecisionStudy | None" = None,
-    shape: "StringShape | None" = None,
+    contents: PageContents,
 ) -> str:
-    """The whole page as HTML.
-
-    title, text: of the patch
-    rendering:   with its trace
-    audio:       [frames, channels], at the level of the file
-    stats:       as `--json` prints them
-    profile:     of the scene (engine.analysis.profile)
-    study:       of accuracy and cost, if there is one (engine.analysis.work_precision)
-    shape:       of a string, if the scene has one that moves (engine.analysis.string_shape)
-
-    Raises ValueError without a trace.
-    """
+    """The whole page as HTML. title, text: of the patch. Raises ValueError without a trace."""
+    rendering, audio, stats, profile, study, shape = contents
     channels = f"{stats['channels']} channels" if stats["channels"] > 1 else "mono"
     subtitle = (Path(stats["patch"]).name, f"{stats['seconds']:g} s", channels, f"{stats['samplerate']} Hz")
     head = (

@@ -1,13 +1,14 @@
 """Plots of a rendering: panels over its time, and below them its details."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from engine.analysis.metrics import contact_intervals
+from engine.patch.pickup_rules import QUANTITY_UNITS
 from engine.report.detail_plots import plot_first_contact, plot_string_shape
 from engine.report.figures import (
     BLUE,
@@ -52,21 +53,33 @@ DETAIL_HEIGHT = 2.7  # inches
 
 
 def plot_rendering(
-    rendering: "RenderedArrays", title: str, path: Path, shape: "StringShape | None" = None, style: str = "screen"
+    rendering: "RenderedArrays",
+    title: str,
+    path: Path,
+    shape: "StringShape | None" = None,
+    style: str = "screen",
+    panels: Sequence[str] = (),
 ) -> None:
     """Write all panels of a rendering to a picture (engine.report.figures.PICTURE_ENDINGS), and below them its first
-    contact and the shape of a string, if there is one. style: one of PLOT_STYLES
+    contact and the shape of a string, if there is one.
+
+    style:  one of PLOT_STYLES
+    panels: of PLOT_PANELS, those to draw, in place of all
 
     Raises ValueError if it has no trace, OSError if it cannot be written.
     """
     contact = first_contact(rendering)
-    heights = {name: PANEL_HEIGHTS[name] for name in PANELS if name != "iterations" or can_show_contacts(rendering)}
-    heights["waveform"] = waveform_height(rendering)
+    shown = [name for name in PANELS if name in panels or not panels]
+    heights = {name: PANEL_HEIGHTS[name] for name in shown if name != "iterations" or can_show_contacts(rendering)}
+    if "waveform" in heights:
+        heights["waveform"] = waveform_height(rendering)
     details: dict[str, Callable[[Any], None]] = {}
-    if contact is not None:
+    if contact is not None and ("contact" in panels or not panels):
         details["contact"] = lambda axes: plot_first_contact(axes, contact)
-    if shape is not None:
+    if shape is not None and ("shape" in panels or not panels):
         details["shape"] = lambda axes: plot_string_shape(axes, shape)
+    if not heights and not details:  # no contact, or no string
+        heights["waveform"] = waveform_height(rendering)
     look = PLOT_STYLES[style]
     columns = 1 if look.width is not None else max(1, len(details))
     below = [[*details][n : n + columns] for n in range(0, len(details), columns)]
@@ -75,7 +88,8 @@ def plot_rendering(
     with new_figure(path, 10.0, sum(ratios) + 0.4, look) as figure:
         axes = figure.subplot_mosaic(rows, height_ratios=ratios)
         for name in heights:
-            axes[name].sharex(axes["waveform"])
+            if name != rows[0][0]:
+                axes[name].sharex(axes[rows[0][0]])
             PANELS[name](axes[name], rendering)
             if name != [*heights][-1]:
                 axes[name].tick_params(labelbottom=False)
@@ -84,7 +98,7 @@ def plot_rendering(
             draw(axes[name])
         figure.get_layout_engine().set(wspace=0.04)
         figure.align_ylabels([axes[name] for name in heights])
-        set_title(axes["waveform"], title, look.title)
+        set_title(axes[rows[0][0]], title, look.title)
 
 
 def waveform_height(rendering: "RenderedArrays") -> float:
@@ -119,8 +133,20 @@ def plot_waveform(axes: Any, rendering: "RenderedArrays") -> None:
             axes.text(1.01, middle, name, **place)
     axes.set_yticks(ticks, [f"{label:g}".replace("-", "−") for label in labels])
     power = "" if -3 < exponent < 4 else f"$10^{{{exponent}}}$ "
-    axes.set(ylabel=f"output, {power}SI units", xlabel="time, s", xlim=(0.0, _seconds(rendering)))
+    quantity, unit = heard_quantity(rendering)
+    axes.set(ylabel=f"{quantity}, {power}{unit}", xlabel="time, s", xlim=(0.0, _seconds(rendering)))
     axes.set_ylim(-2 * LANE * peak * (channels - 1) - LANE * peak, LANE * peak)
+
+
+def heard_quantity(rendering: "RenderedArrays") -> tuple[str, str]:
+    """Return the name and the unit of what the pickups of a rendering register, if it is one thing."""
+    scene = getattr(rendering, "scene", None)
+    heard = set() if scene is None else {(pickup.quantity, pickup.gain) for pickup in scene.pickup}
+    if len(heard) == 1:
+        ((quantity, gain),) = heard
+        if gain == 1.0 and quantity in QUANTITY_UNITS:
+            return quantity.replace("_", " "), QUANTITY_UNITS[quantity]
+    return "output", "SI units"
 
 
 def plot_spectrogram(axes: Any, rendering: "RenderedArrays") -> None:

@@ -3,6 +3,7 @@
 from engine.compiler.decorators import inline, kernel
 from engine.compiler.intrinsics import float64_view, int64_view
 from engine.compiler.struct_types import load_struct
+from engine.kernel.data.effects import EFFECTS, EVENTS
 from engine.kernel.data.enums import (
     UNUSED_SLOT,
     DampedModes,
@@ -56,7 +57,7 @@ def insert_event(model, state, event, value, frame):
         make_island_ready(model, state, n, frame)
         book_island_energy(model, state, n, event[EventSlot.TARGET_BEGIN])
         return
-    if model.events is not None:
+    if EFFECTS & EVENTS:
         cursor = state.event_cursor[n]
         begin, end = model.islands.event[n], model.islands.event[n + 1]
         unused = first_unused(model.events, begin, end)
@@ -98,7 +99,7 @@ def make_island_ready(model, state, n, frame):
     """Wake an island, and update the state that was not computed while nothing could act on it."""
     if max(state.contact_free_until[n], state.sleep[n, Sleep.WAKE_FRAME]) >= frame:
         bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
-        part, part_state = island_model(model, state, bounds), island_state(state, bounds)
+        part, part_state = island_model(model, bounds), island_state(state, bounds)
         end_flight(part, part_state, frame)
         reset_open_contacts(part.contact, part_state)
         interrupt_at(state, n, frame)
@@ -110,10 +111,10 @@ def book_island_energy(model, state, n, sign):
     """Count the energy of island n as supplied, times a sign. A positive sign means that coefficients are new:
     compressions and extensions are then computed again first."""
     bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
-    part, part_state = island_model(model, state, bounds), island_state(state, bounds)
+    part, part_state = island_model(model, bounds), island_state(state, bounds)
     count_velocities(part.pickups, part_state, sign)
     if sign > 0:
-        keep_all_contacts(part.contact, part.connection, part_state)
+        keep_all_contacts(part.contact, part_state)
         reset_compressions(part.contact, part_state)
         reset_connections(part.connection, part_state)
         part_state.event_cursor[EventCursor.DAMPED] = DampedModes.UNKNOWN  # the loss of modes may be another now
@@ -135,7 +136,7 @@ def next_due_in(model, state, n, frame):
     """Return the frame of the next event or force for which island n must be awake; it is before `frame` if one goes
     on."""
     bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
-    part = island_model(model, state, bounds)
+    part = island_model(model, bounds)
     return next_due(part.force, part.events, island_state(state, bounds), frame - 1)
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 from typing import Any
 
 from engine.bodies.table import KeyPath
@@ -10,7 +11,8 @@ from engine.patch.scene import Scene
 
 MAX_GRID_POINTS = 100_000  # more are taken for a mistake
 VALUE_DIGITS = 12  # of a value between two bounds: 0.3, not 0.30000000000000004
-AXIS_FORMS = "give PATH=A..B:N, PATH=A..B:log:N or PATH=A,B,C"
+AXIS_FORMS = "give PATH=A..B:N, PATH=A..B:log:N or PATH=A,B,C; for random values also A~B"
+FARTHEST = 1e-9  # of all normal values, what lies beyond those that are drawn, at either end
 
 Value = int | float | str
 
@@ -23,6 +25,7 @@ class SweepAxis:
     key_path: its path in the document; empty if it is none of its values, but which note is played, and how
     bounds:   the values of a list, or the two ends of a range
     count:    how many values a range has; None for a list, or for a range of which random values are taken
+    normal:   the bounds are the mean and the standard deviation of a normal distribution
     """
 
     path: str
@@ -32,12 +35,16 @@ class SweepAxis:
     log: bool = False
     integer: bool = False
     count: int | None = None
+    normal: bool = False
 
     def value_at(self, fraction: float) -> Value:
         """The value at a fraction of the range, 0 to 1; of a list, one of its values."""
         if not self.is_range:
             return self.bounds[min(int(fraction * len(self.bounds)), len(self.bounds) - 1)]
         low, high = (float(bound) for bound in self.bounds)
+        if self.normal:
+            value = NormalDist(low, high).inv_cdf(min(max(fraction, FARTHEST), 1.0 - FARTHEST))
+            return round(value) if self.integer else float(f"{value:.{VALUE_DIGITS}g}")
         if self.integer and self.count is None and not self.log:  # each is as likely as any other
             first, last = math.ceil(min(low, high)), math.floor(max(low, high))
             return min(first + int(fraction * (last - first + 1)), last)
@@ -66,6 +73,11 @@ def parse_axis(text: str, scene: Scene, data: dict[str, Any], is_random: bool = 
         raise ValueError(f'"{text}" is not a variation; {AXIS_FORMS}')
     key_path, integer = locate(path, scene, data)
     try:
+        if is_random and "~" in values:
+            mean, deviation = map(float, values.split("~"))
+            if not (math.isfinite(mean) and 0.0 < deviation < math.inf):
+                raise ValueError
+            return SweepAxis(path, key_path, (mean, deviation), True, False, integer, normal=True)
         if ".." not in values or "/" in values:  # ../bell.csv is a file
             return SweepAxis(path, key_path, tuple(_parse_value(word.strip()) for word in values.split(",")))
         low, _, rest = values.partition("..")

@@ -3,9 +3,11 @@ until then sounds are kept in SI units, in a folder of their own."""
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
-from engine.output_files import NORMALISED_PEAK_DBFS, SILENT_PEAK, apply_gain, save_audio
+from engine.output_files import NORMALISED_PEAK_DBFS, SILENT_PEAK
+from engine.sound.sound_file import SoundFile
 from engine.sweep.index_csv import IndexRow
 
 UNSCALED_FOLDER = "unscaled"  # in the folder of the sweep, until this is done
@@ -24,10 +26,11 @@ def sound_path(folder: Path, row: IndexRow) -> Path:
     return (folder if row["gain_db"] else folder / UNSCALED_FOLDER) / row["file"]
 
 
-def rescale(source: Path, target: Path, gain: float, subtype: str | None) -> None:
-    """Write a sound again, with a gain, dB. Raises OSError or RuntimeError."""
+def rescale(source: Path, target: SoundFile, gain: float) -> None:
+    """Write a sound, which has its begin and end, to a file with a gain, dB. Raises OSError or RuntimeError."""
     import soundfile
 
     audio, samplerate = soundfile.read(source, always_2d=True)
-    scaled, _ = apply_gain(audio, float(abs(audio).max(initial=0.0)), gain, subtype)
-    save_audio(target, scaled, samplerate, subtype)
+    form = replace(target.form, gain=gain, trim=False, fade=False, loop=None)
+    sound = replace(target, form=form).prepare(audio, samplerate)
+    replace(sound, file=target).write()

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from engine.analysis.contact_summaries import UNITS
 from engine.patch.scene import Scene
 from engine.sweep.common_gain import sound_path
-from engine.sweep.index_csv import IndexRow
+from engine.sweep.index_csv import IndexRow, contact_columns
 from engine.sweep.rows import MEASURE_NAMES, WORD_NAMES, is_number, read_index_rows, varied_paths
 
 if TYPE_CHECKING:
@@ -77,6 +78,11 @@ def read_sweep(folder: str | Path, scene: Scene | None = None, sounds: bool = Fa
         cells = [float(row[name]) if row[name] else math.nan for row in rows]
         units, meaning = MEASURES[name]
         data[name] = dims, over_points(cells, math.nan, float), {"units": units, "long_name": meaning}
+    for name in contact_columns(rows[0]):
+        cells = [float(row[name]) if row.get(name) else math.nan for row in rows]
+        contact, _, measure = name.rpartition(".")
+        attributes = {"units": UNITS.get(measure, "1"), "long_name": f"{measure.replace('_', ' ')} of {contact}"}
+        data[name] = dims, over_points(cells, math.nan, float), attributes
     for name in ("file", "status", *WORD_NAMES):
         data[name] = dims, over_points([row[name] for row in rows], "", object)
     given = {p.path: p for p in scene.parameters()} if scene is not None else {}

@@ -4,8 +4,10 @@ import csv
 import io
 import re
 from collections.abc import Iterable
+from dataclasses import fields
 from pathlib import Path
 
+from engine.analysis.contact_summaries import ContactSummary
 from engine.analysis.features import FEATURE_NAMES, TEXT_NAMES
 from engine.output_files import atomic_write
 
@@ -13,6 +15,7 @@ STATISTIC_NAMES = ("gain_db", "contact", "newton_mean", "newton_max", "unconverg
 TRUST_NAMES = ("trusted", "reasons")  # whether nothing speaks against a rendering, and what does
 
 MAX_LINE_CHARACTERS = 1 << 20
+CONTACT_MEASURES = tuple(field.name for field in fields(ContactSummary))
 
 POINT_NUMBER = re.compile("[0-9]{1,9}")
 
@@ -20,10 +23,19 @@ Cell = float | int | str | None
 IndexRow = dict[str, str]  # cells by column
 
 
-def index_header(paths: list[str]) -> list[str]:
-    """The columns: the number of the point, its values by their paths, its result, features and statistics."""
+def index_header(paths: list[str], contacts: Iterable[str] = ()) -> list[str]:
+    """The columns: the number of the point, its values by their paths, its result, features and statistics, and the
+    measures of contacts, by their names."""
     measures = (*FEATURE_NAMES, *TEXT_NAMES, *STATISTIC_NAMES, *TRUST_NAMES)
-    return ["number", *paths, "file", "status", "fingerprint", *measures]
+    of_contacts = (f"{name}.{measure}" for name in contacts for measure in CONTACT_MEASURES)
+    return ["number", *paths, "file", "status", "fingerprint", *measures, *of_contacts]
+
+
+def contact_columns(header: Iterable[str]) -> list[str]:
+    """The columns of an index that are measures of contacts."""
+    names = list(header)
+    known = names.index("fingerprint") if "fingerprint" in names else 0
+    return [name for name in names[known:] if name.rpartition(".")[2] in CONTACT_MEASURES and "." in name]
 
 
 def check_index(path: Path, paths: list[str]) -> str:
@@ -37,7 +49,7 @@ def check_index(path: Path, paths: list[str]) -> str:
                 header = parse_line(file.readline(MAX_LINE_CHARACTERS))
         except OSError:
             pass
-    if header != index_header(paths):
+    if header is None or header[: len(paths) + 4] != index_header(paths)[: len(paths) + 4]:
         return f"{path} is an index of something else; give another folder, or remove it"
     if any(row["file"] == f"{number:04d}.wav" for number, row in read_index(path).items()):
         reason = "is of an earlier version, which named sounds only by numbers and scaled each sound by itself"
@@ -74,7 +86,7 @@ def parse_line(text: str) -> list[str] | None:
 def write_index(path: Path, header: list[str], rows: dict[int, IndexRow]) -> None:
     """Write the whole index anew, in the order of the numbers. Raises OSError."""
     with atomic_write(path) as temporary:
-        lines = (csv_line(row.values()) for _, row in sorted(rows.items()))
+        lines = (csv_line(row.get(column, "") for column in header) for _, row in sorted(rows.items()))
         temporary.write_text(csv_line(header) + "".join(lines), "utf-8")
 
 

@@ -7,17 +7,20 @@ import math
 import os
 import random
 import tomllib
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from importlib.util import find_spec
+from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 from engine.bodies.table import KeyPath, is_number
 from engine.faults import Fault, PatchError
+from engine.offline.trace import contact_names
 from engine.output_files import absolute_path, check_audio_format
 from engine.patch.error_messages import format_path
+from engine.patch.named_values import VARY
 from engine.patch.note_scene import HOLD_SECONDS, TAIL_SECONDS
 from engine.patch.paths import set_value
 from engine.patch.precision_key import remove_precision
@@ -33,9 +36,11 @@ from engine.sweep.note_axes import (
     parse_velocities,
     scene_with_note,
 )
-from engine.sweep.sound_names import note_file_name, plain_text, point_stem, sound_name
+from engine.sweep.sound_names import fill_name, note_file_name, plain_text, point_stem, sound_name
 
 SECONDS: KeyPath = ("seconds",)
+SEED = "seed"  # in [vary]
+MAX_WRONG_DRAWS = 50  # for each variation, that are no scenes
 
 GridPoint = tuple[Value, ...]  # a value per axis
 
@@ -46,7 +51,9 @@ class SweepPlan:
 
     data: the document of the patch, as it was read
     hold, seconds: of notes, how long the key is down, s, and how long they sound
-    left_out: lines that name the notes and events that are left out
+    left_out: lines of what is left out: notes, events, drawn points that are no scene
+    contacts: the names of those that are measured
+    template: of the names of sounds, as of `fill_name`; None: what is varied is in their names
     """
 
     patch: str
@@ -56,6 +63,8 @@ class SweepPlan:
     hold: float = HOLD_SECONDS
     seconds: float = HOLD_SECONDS + TAIL_SECONDS
     left_out: tuple[str, ...] = ()
+    template: str | None = None
+    contacts: tuple[str, ...] = ()
     _scenes: dict[GridPoint, Scene] = field(default_factory=dict, repr=False, compare=False)  # without a note; one
 
     @property
@@ -87,9 +96,22 @@ class SweepPlan:
         """True if a note and its velocity are enough to name a point."""
         return len({*map(self.note, self.points)}) == len(self.points)
 
+    def name_fields(self, number: int) -> dict[str, Value]:
+        """Fields of a template of names, of a point by its number, from 1."""
+        values = {axis.path: value for axis, value in zip(self.axes, self.points[number - 1], strict=True)}
+        fields: dict[str, Value] = {"number": number, "patch": Path(self.patch).stem}
+        fields |= {path.partition(".")[2]: value for path, value in values.items() if "." in path}
+        return fields | values
+
+    def values(self, number: int) -> dict[str, str]:
+        """The values of a point by their paths, with all their digits."""
+        return {axis.path: str(value) for axis, value in zip(self.axes, self.points[number - 1], strict=True)}
+
     def sound_name(self, number: int) -> str:
         """The name of the audio file of a point, by its number, from 1."""
         point = self.points[number - 1]
+        if self.template is not None:
+            return fill_name(self.template, self.name_fields(number))
         varied = [(axis.path, value) for axis, value in zip(self.axes, point, strict=True) if axis.key_path]
         if not self.has_notes:
             return sound_name(number, varied)
@@ -138,10 +160,25 @@ def grid_points(axes: list[SweepAxis]) -> list[GridPoint]:
     return list(itertools.product(*(axis.grid_values() for axis in axes)))
 
 
-def random_points(axes: list[SweepAxis], count: int, seed: int) -> list[GridPoint]:
-    """Random points, the same for the same seed; fewer of them are the first of more."""
+def draw_points(axes: list[SweepAxis], seed: int) -> Iterator[GridPoint]:
+    """Yield random points, the same for the same seed."""
     draw = random.Random(seed).random  # every version of Python draws the same
-    return [tuple(axis.value_at(draw()) for axis in axes) for _ in range(count)]
+    while True:
+        yield tuple(axis.value_at(draw()) for axis in axes)
+
+
+def valid_points(points: Iterable[GridPoint], plan: SweepPlan, count: int) -> tuple[list[GridPoint], int]:
+    """Return so many of some points which are scenes, fewer if too few are, and how many were drawn that are none."""
+    valid, wrong = list[GridPoint](), 0
+    for point in points:
+        try:
+            plan.scene(point)
+            valid.append(point)
+        except PatchError:
+            wrong += 1
+        if len(valid) == count or wrong > MAX_WRONG_DRAWS * count:
+            break
+    return valid, wrong
 
 
 def plan_sweep(
@@ -155,9 +192,12 @@ def plan_sweep(
     remove_precision(data)  # of which a note has said that it has no effect
     numbers, faults = _parse_numbers(args)
     axes: list[SweepAxis] = []
-    for text in args.vary:
+    ranges, range_faults = _ranges_of_patch(args, scene)
+    faults += range_faults
+    is_random = args.random is not None or args.variations is not None
+    for text in [*args.vary, *ranges]:
         try:
-            axis = parse_axis(text, scene, data, args.random is not None)
+            axis = parse_axis(text, scene, data, is_random)
         except ValueError as error:
             faults.append(Fault("--vary", str(error)))
             continue
@@ -166,7 +206,8 @@ def plan_sweep(
     left_out = describe_late_events(scene, axes)
     note_axes, note_faults = _note_axes(args, scene, left_out)
     axes, faults = axes + note_axes, faults + note_faults
-    count = numbers["random"] or math.prod(axis.count or len(axis.bounds) for axis in axes)
+    draws = numbers["random"] or numbers["variations"]
+    count = draws or math.prod(axis.count or len(axis.bounds) for axis in axes)
     if count > MAX_GRID_POINTS:
         faults.append(
             Fault(
@@ -176,11 +217,52 @@ def plan_sweep(
         )
     if faults:
         return SweepPlan(args.patch, data, axes, []), faults
-    points = random_points(axes, count, numbers["seed"] or 0) if numbers["random"] else grid_points(axes)
+    seed = scene.vary.get(SEED, 0) if numbers["seed"] is None else numbers["seed"]
+    drawn = draw_points(axes, int(str(seed)))
+    points = list(islice(drawn, draws)) if draws else grid_points(axes)
     hold = lengths.get("hold") or HOLD_SECONDS
     seconds = lengths.get("seconds") or hold + TAIL_SECONDS
-    plan = SweepPlan(args.patch, data, axes, points, hold, seconds, tuple(left_out))
-    return plan, check_axes(plan)
+    contacts = tuple(contact_names(scene)) if args.contacts else ()
+    plan = SweepPlan(args.patch, data, axes, points, hold, seconds, tuple(left_out), args.name, contacts)
+    if numbers["variations"] is None:
+        return plan, check_names(plan) + check_axes(plan)
+    points, wrong = valid_points(chain(points, drawn), plan, count)
+    if len(points) < count:
+        message = (
+            f"only {len(points)} of {len(points) + wrong} drawn variations are scenes; narrow the ranges of [vary]"
+        )
+        return replace(plan, points=points), [Fault("--variations", message)]
+    lines = [f"{wrong} drawn variations were no valid scenes, and were drawn again"] * (wrong > 0)
+    plan = replace(plan, points=points, left_out=(*left_out, *lines))
+    return plan, check_names(plan)
+
+
+def _ranges_of_patch(args: argparse.Namespace, scene: Scene) -> tuple[list[str], list[Fault]]:
+    """Ranges of [vary] in the patch, as --vary takes them, and the faults of --variations."""
+    if args.variations is None:
+        return [], []
+    ranges = {path: values for path, values in scene.vary.items() if path != SEED}
+    faults = [Fault("--variations", "cannot be combined with --random; give one of them")] * (args.random is not None)
+    if not ranges and not args.vary:
+        remedy = f'write [{VARY}], such as "body.ball.mass" = "0.1..0.2", or give --vary'
+        faults.append(Fault("--variations", f"the patch does not say what varies; {remedy}"))
+    paths = {path: f"values.{path}" if path in scene.values else path for path in ranges}
+    lists = {path: ",".join(map(str, v)) if isinstance(v, list) else v for path, v in ranges.items()}
+    return [f"{paths[path]}={values}" for path, values in lists.items()], faults
+
+
+def check_names(plan: SweepPlan) -> list[Fault]:
+    """Faults of the template of the names of sounds."""
+    names: set[str] = set()
+    for number in range(1, len(plan.points) + 1) if plan.template is not None else ():
+        try:
+            name = plan.sound_name(number)
+        except ValueError as error:
+            return [Fault("--name", str(error))]
+        if name.lower() in names:
+            return [Fault("--name", f"two sounds would be called {name}; add {{number}} to their names")]
+        names.add(name.lower())
+    return []
 
 
 def _note_axes(args: argparse.Namespace, scene: Scene, left_out: list[str]) -> tuple[list[SweepAxis], list[Fault]]:
@@ -190,12 +272,14 @@ def _note_axes(args: argparse.Namespace, scene: Scene, left_out: list[str]) -> t
     if args.notes is None:
         given = [f"--{option}" for option in ("velocities", "hold", "sfz") if getattr(args, option)]
         faults += [Fault(option, f"requires --notes; {NOTE_FORMS}") for option in given]
-        if not args.vary and not given:
+        if not args.vary and not given and args.variations is None:
             faults.append(Fault("--vary", "nothing varies; give --vary PATH=RANGE, or --notes A0..C8"))
         return axes, faults
-    for option in ("vary", "random"):
+    for option in ("vary", "random", "variations"):
         if args.sfz and getattr(args, option):
             faults.append(Fault("--sfz", f"requires all notes, one of each; leave out --{option}"))
+    if args.contacts:
+        faults.append(Fault("--contacts", "cannot be combined with --notes: every key has contacts of its own"))
     parsers: list[tuple[str, Callable[[], SweepAxis]]] = [
         (NOTE, lambda: parse_notes(args.notes, scene, left_out)),
         (VELOCITY, lambda: parse_velocities(args.velocities)),
@@ -212,13 +296,13 @@ def _parse_numbers(args: argparse.Namespace) -> tuple[dict[str, int | None], lis
     """The numbers of --random and --seed."""
     numbers: dict[str, int | None] = {}
     faults: list[Fault] = []
-    for name, least in (("random", 1), ("seed", 0)):
+    for name, least in (("random", 1), ("variations", 1), ("seed", 0)):
         text = getattr(args, name)
         if text is not None and not (text.isdecimal() and least <= int(text) <= 10**9):
             faults.append(Fault(f"--{name}", f'"{text}" is not a whole number; give {least} to 1000000000'))
         numbers[name] = int(text) if text is not None and text.isdecimal() else None
-    if args.seed is not None and args.random is None:
-        faults.append(Fault("--seed", "requires --random; give that too"))
+    if args.seed is not None and args.random is None and args.variations is None:
+        faults.append(Fault("--seed", "requires --random or --variations; give one of them"))
     return numbers, faults
 
 
@@ -242,7 +326,7 @@ def check_axes(plan: SweepPlan) -> list[Fault]:
     by_path = {format_path(axis.key_path): axis for axis in plan.axes if axis.key_path}
     for n, axis in enumerate(plan.axes):
         for fraction, bound in enumerate(axis.bounds):
-            value = axis.value_at(float(fraction)) if axis.is_range else bound
+            value = axis.value_at(0.5 if axis.normal else float(fraction)) if axis.is_range else bound
             point = tuple(value if k == n else other.value_at(0.0) for k, other in enumerate(plan.axes))
             try:
                 plan.scene(point)
@@ -255,9 +339,12 @@ def check_axes(plan: SweepPlan) -> list[Fault]:
     return list(faults)
 
 
-def axis_paths(args: argparse.Namespace) -> list[str]:
+def axis_paths(args: argparse.Namespace, scene: Scene | None) -> list[str]:
     """The paths of the axes that the options name."""
-    return [text.partition("=")[0].strip() for text in args.vary] + (list(OPTIONS) if args.notes is not None else [])
+    paths = [text.partition("=")[0].strip() for text in args.vary]
+    if scene is not None:
+        paths += [text.partition("=")[0] for text in _ranges_of_patch(args, scene)[0]]
+    return paths + (list(OPTIONS) if args.notes is not None else [])
 
 
 def sweep_folder(args: argparse.Namespace) -> Path:
@@ -265,7 +352,7 @@ def sweep_folder(args: argparse.Namespace) -> Path:
     return Path(args.output or Path(args.patch).stem)
 
 
-def check_output(args: argparse.Namespace) -> list[Fault]:
+def check_output(args: argparse.Namespace, scene: Scene | None) -> list[Fault]:
     """Faults of the folder to write to, and of where the points are to be rendered."""
     folder, faults = sweep_folder(args), check_audio_format(Path("a.wav"), args.subtype, "--subtype")
     parent = folder if folder.is_dir() else absolute_path(folder).parent
@@ -277,7 +364,7 @@ def check_output(args: argparse.Namespace) -> list[Fault]:
         faults.append(Fault("--output", f"{parent} cannot be written to; write elsewhere"))
     elif folder.is_dir() and any(folder.glob("[!.]*")) and not (folder / "index.csv").exists():
         faults.append(Fault("--output", f"{folder} has other files in it; give an empty folder, or a new one"))
-    elif message := check_index(folder / "index.csv", axis_paths(args)):
+    elif message := check_index(folder / "index.csv", axis_paths(args, scene)):
         faults.append(Fault("--output", message))
     if args.cluster is not None and find_spec("distributed") is None:
         faults.append(Fault("--cluster", "needs distributed; run uv sync --extra cluster, or pip install distributed"))

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from engine.analysis.features import FEATURE_NAMES, TEXT_NAMES
-from engine.sweep.index_csv import STATISTIC_NAMES, IndexRow, read_index
+from engine.sweep.index_csv import STATISTIC_NAMES, IndexRow, contact_columns, read_index
 
 SweepRow = dict[str, Any]  # numbers, words or None by column
 
@@ -74,7 +74,9 @@ def _typed_row(row: IndexRow, paths: list[str], numeric: set[str]) -> SweepRow:
     texts |= {name: row[name] or None for name in TEXT_NAMES}
     measures: SweepRow = {name: float(row[name]) if row[name] else None for name in MEASURE_NAMES}
     counts: SweepRow = {name: int(float(row[name])) if row[name] else None for name in COUNT_NAMES}
-    return {"number": int(row["number"])} | values | texts | measures | counts
+    contacts: SweepRow = {name: float(row[name]) if row[name] else None for name in contact_columns(row)}
+    touches = {name: int(value) for name, value in contacts.items() if name.endswith(".touches") and value is not None}
+    return {"number": int(row["number"])} | values | texts | measures | counts | contacts | touches
 
 
 def _number(text: str) -> float | int:

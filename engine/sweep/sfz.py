@@ -29,10 +29,11 @@ def nearest_ranges(values: Sequence[int], lowest: int, highest: int) -> dict[int
     return {value: (begin, end) for value, begin, end in zip(values, begins, ends, strict=True)}
 
 
-def format_sfz(title: str, samples: Sequence[Sample], release: Mapping[int, float]) -> str:
+def format_sfz(title: str, samples: Sequence[Sample], release: Mapping[int, float], is_loop: bool = False) -> str:
     """The text of the file: a group for each sampled key, with a region for each of its velocities.
 
     release: how long notes of each key go on when it is let go, s
+    is_loop: samples repeat without a seam
     """
     velocities: dict[int, dict[int, str]] = {}
     for sample in sorted(samples):
@@ -40,7 +41,8 @@ def format_sfz(title: str, samples: Sequence[Sample], release: Mapping[int, floa
     keys = sorted(velocities)
     counts = f"{len(samples)} samples of {len(keys)} keys; their levels are those of the velocities"
     lines = [f"// {to_one_line(title, MAX_TITLE_CHARACTERS)}: {counts}"]
-    lines += ["", "<control>", "note_offset=0", "", "<global>", "loop_mode=no_loop", "amp_veltrack=0"]
+    mode = "loop_continuous" if is_loop else "no_loop"
+    lines += ["", "<control>", "note_offset=0", "", "<global>", f"loop_mode={mode}", "amp_veltrack=0"]
     for key, (low, high) in nearest_ranges(keys, keys[0], keys[-1]).items():
         lines += ["", f"<group> // {note_name(key)}", f"lokey={low} hikey={high} pitch_keycenter={key}"]
         lines.append(f"ampeg_release={release[key]:.3g}")
@@ -50,7 +52,9 @@ def format_sfz(title: str, samples: Sequence[Sample], release: Mapping[int, floa
     return "\n".join(lines) + "\n"
 
 
-def write_sfz(path: Path, title: str, samples: Sequence[Sample], release: Mapping[int, float]) -> None:
+def write_sfz(
+    path: Path, title: str, samples: Sequence[Sample], release: Mapping[int, float], is_loop: bool = False
+) -> None:
     """Write the file. Raises OSError."""
     with atomic_write(path) as temporary:
-        temporary.write_text(format_sfz(title, samples, release), "utf-8")
+        temporary.write_text(format_sfz(title, samples, release, is_loop), "utf-8")

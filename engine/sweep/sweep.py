@@ -5,27 +5,32 @@ A sweep that is stopped at any time goes on when it is started again: what is do
 
 import argparse
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from engine.compiler.kernel_name import KernelName
 from engine.faults import PatchError
 from engine.instrument.key_names import parse_key
-from engine.output_files import apply_gain, error_reason, resolve_subtype, save_audio
+from engine.output_files import NORMALISED_PEAK_DBFS, error_reason, resolve_subtype
 from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 from engine.provenance import source_digest, usable_cores
+from engine.sound.about import About, is_whole
+from engine.sound.form import PLAIN_FORM, SoundForm
+from engine.sound.sound_file import PreparedSound, SoundFile
 from engine.sweep import index_csv
 from engine.sweep.common_gain import UNSCALED_FOLDER, common_gain, rescale, sound_path
 from engine.sweep.index_csv import Cell, IndexRow
 from engine.sweep.local_workers import run_local
 from engine.sweep.note_axes import release_time
-from engine.sweep.plan import GridPoint, SweepPlan
+from engine.sweep.plan import SweepPlan
 from engine.sweep.sfz import Sample, write_sfz
-from engine.sweep.sound_names import is_name_of_number, plain_text
+from engine.sweep.sound_names import is_name_of_number, is_plain_name, plain_text
 from engine.sweep.task import RenderResult, RenderTask, Results
 
 Progress = Callable[[float], None]
@@ -44,6 +49,8 @@ class SweepOutcome:
     gone:         sounds of this sweep that were removed while it ran
     gain_db:      of all sounds, if they have one in common
     sfz:          the file that lists the notes, if there is one
+    sheet:        the page that plays the sounds, if there is one
+    warnings:     lines, of the sounds that are cut or limited
     """
 
     points: int
@@ -55,6 +62,8 @@ class SweepOutcome:
     interrupted: bool = False
     gain_db: float | None = None
     sfz: Path | None = None
+    sheet: Path | None = None
+    warnings: list[str] = field(default_factory=list)
 
     @property
     def exit_code(self) -> int:
@@ -65,6 +74,7 @@ class SweepOutcome:
         """The outcome by the names of --json, with the folder and its index."""
         of_notes: dict[str, Any] = {"gain_db": self.gain_db} if self.gain_db is not None else {}
         of_notes |= {"sfz": str(self.sfz)} if self.sfz is not None else {}
+        of_notes |= {"sheet": str(self.sheet)} if self.sheet is not None else {}
         return of_notes | {
             "folder": str(folder),
             "points": self.points,
@@ -78,7 +88,9 @@ class SweepOutcome:
         }
 
 
-def sweep_from_arguments(plan: SweepPlan, folder: Path, args: argparse.Namespace, progress: Progress) -> SweepOutcome:
+def sweep_from_arguments(
+    plan: SweepPlan, folder: Path, args: argparse.Namespace, form: SoundForm, progress: Progress
+) -> SweepOutcome:
     """Run a sweep as the command line asks for it (`run_sweep`), on this machine or on a cluster.
 
     args: with numbers, or None, for seconds, samplerate, gain and cores; and accuracy, the settings
@@ -89,7 +101,7 @@ def sweep_from_arguments(plan: SweepPlan, folder: Path, args: argparse.Namespace
         from engine.sweep.dask_workers import run_dask
 
         renderer = partial(run_dask, address=args.cluster)
-    return run_sweep(plan, folder, renderer, options, args.gain, args.subtype, progress)
+    return run_sweep(plan, folder, renderer, options, form, progress)
 
 
 def run_sweep(
@@ -97,23 +109,24 @@ def run_sweep(
     folder: Path,
     renderer: Renderer,
     options: dict[str, Any],
-    gain: float | None = None,
-    subtype: str | None = None,
+    form: SoundForm = PLAIN_FORM,
     progress: Progress = lambda share: None,
 ) -> SweepOutcome:
     """Render the points of a plan into a folder, which is made if it is missing, with its index.csv.
 
     renderer: gives the results of tasks, in any order, each once
     options:  seconds, samplerate and accuracy (engine.offline.render.render_arrays)
-    gain:     dB on SI units; if None, the loudest sound is normalised, and all have its gain
+    form:     of the sounds; without a gain or a loudness, the loudest is normalised, and all have its gain
 
     Rows of the index that say "done" of the same point, with its file there, are kept. Raises OSError or
     RuntimeError if a file cannot be written, or the folder has an index of something else.
     """
     if message := index_csv.check_index(folder / "index.csv", [axis.path for axis in plan.axes]):
         raise RuntimeError(message)
-    tasks, values, failures = _make_tasks(plan, options, (gain, subtype, source_digest()), progress)
-    sounds = SoundFolder(folder, plan, tasks, values, gain, subtype)
+    unusual = [repr(form)] * (form != SoundForm(form.subtype, form.gain))
+    settings = (form.gain, form.subtype, source_digest(), *unusual)
+    tasks, values, failures = _make_tasks(plan, options, settings, progress)
+    sounds = SoundFolder(folder, plan, tasks, values, form)
     try:
         with _open_for_append(sounds.index) as file:
             for number, result in failures.items():
@@ -130,7 +143,7 @@ def run_sweep(
     return sounds.outcome
 
 
-def write_note_map(plan: SweepPlan, folder: Path) -> Path | None:
+def write_note_map(plan: SweepPlan, folder: Path, is_loop: bool = False) -> Path | None:
     """Write the SFZ file of a set of notes that is done: what is in its folder. Returns its path; None if there is no
     sound. Raises RuntimeError if it cannot be written."""
     rows = index_csv.read_index(folder / "index.csv")
@@ -143,7 +156,7 @@ def write_note_map(plan: SweepPlan, folder: Path) -> Path | None:
     release = {parse_key(notes[n][0]): release_time(plan.scene(point), plan.hold) for n, point in points.items()}
     path = folder / f"{plain_text(Path(plan.patch).stem)}.sfz"
     try:
-        write_sfz(path, plan.data.get("title") or path.stem, samples, release)
+        write_sfz(path, plan.data.get("title") or path.stem, samples, release, is_loop)
     except OSError as error:
         raise _write_error(path, error) from error
     return path
@@ -162,19 +175,24 @@ class SoundFolder:
         plan: SweepPlan,
         tasks: dict[int, RenderTask],
         values: dict[int, dict[str, Cell]],
-        gain: float | None,
-        subtype: str | None,
+        form: SoundForm,
     ) -> None:
         """Make the folder, remove what a killed sweep left half-written, and read and rewrite the index."""
         self.folder, self.index = folder, folder / "index.csv"
-        self.header = index_csv.index_header([axis.path for axis in plan.axes])
-        self.tasks, self.values, self.gain, self.subtype = tasks, values, gain, subtype
+        self.header = index_csv.index_header([axis.path for axis in plan.axes], plan.contacts)
+        self.tasks, self.values, self.form, self.plan = tasks, values, form, plan
         self.name_of, self.unscaled = plan.sound_name, folder / UNSCALED_FOLDER
-        self.is_scaled_last = gain is None
+        self.is_scaled_last = not form.has_own_level
+        self.text = read_patch_text(plan)
+        self.cut, self.limited = list[float](), list[float]()  # dB of ends, and LUFS, of such sounds
         folder.mkdir(exist_ok=True)
         self._remove_leftovers()
         previous = {n: row for n, row in index_csv.read_index(self.index).items() if n in tasks}
-        self.rows = {n: row for n, row in previous.items() if self._is_current(n, row)}
+        names = Counter(row["file"] for row in previous.values()) + Counter(map(self.name_of, tasks))
+        settled = {n for n, row in previous.items() if row["file"] == self.name_of(n) or names[row["file"]] == 1}
+        self.rows = {
+            n: self._named_anew(n, previous[n]) for n in previous if n in settled and self._is_current(n, previous[n])
+        }
         self.outdated = {
             n: sound_path(folder, row)
             for n, row in previous.items()
@@ -188,18 +206,22 @@ class SoundFolder:
         RuntimeError."""
         name, cells = self.name_of(number), dict(result.cells)
         if result.audio is not None:
-            peak = 0.0 if result.cells["silent"] else float(abs(result.audio).max())
-            audio, subtype, path = result.audio, self.subtype, self.folder / name
+            samplerate, is_silent = self.tasks[number].options["samplerate"], bool(result.cells["silent"])
+            target = self.sound_file(number)
             if self.is_scaled_last:
-                subtype, path = "DOUBLE", self.unscaled / name
+                in_si_units = replace(self.form, subtype="DOUBLE", gain=0.0, fade=self.form.fades, dither=False)
+                target = SoundFile(self.unscaled / name, in_si_units)
+            sound, path = target.prepare(result.audio, samplerate, is_silent), target.path
+            if self.is_scaled_last:
+                cells["peak"] = float(abs(sound.audio).max())  # by which all are scaled
             else:
-                audio, cells["gain_db"] = apply_gain(result.audio, peak, self.gain)
-            samplerate = self.tasks[number].options["samplerate"]
+                cells["gain_db"] = sound.gain
+            self._note(sound)
             try:
                 path.parent.mkdir(exist_ok=True)
                 outdated = self.outdated.get(number)
                 self.outcome.overwritten += outdated is not None and outdated.exists()
-                save_audio(path, audio, samplerate, subtype)
+                sound.write()
                 if outdated is not None and outdated != path:
                     outdated.unlink(missing_ok=True)
             except (OSError, RuntimeError) as error:
@@ -216,6 +238,33 @@ class SoundFolder:
         self.outcome.done += result.audio is not None
         self.outcome.failed += result.audio is None
 
+    def sound_file(self, number: int) -> SoundFile:
+        """Return the file of the sound of a point."""
+        plan, values = self.plan, self.plan.values(number)
+        key = parse_key(plan.note(plan.points[number - 1])[0]) if plan.has_notes else None
+        title = plan.data.get("title") or Path(plan.patch).stem
+        about = About(title, Path(plan.patch).name, self.text, values, KernelName.GENERAL, key)
+        return SoundFile(self.folder / self.name_of(number), self.form, about)
+
+    def _note(self, sound: PreparedSound) -> None:
+        """Keep what there is to say of a sound."""
+        if sound.shaped.cut is not None:
+            self.cut.append(sound.shaped.cut.level)
+        if sound.is_limited and sound.loudness is not None:
+            self.limited.append(sound.loudness)
+
+    def _warnings(self) -> list[str]:
+        """A line for the sounds that are cut, and one for those whose loudness is another one."""
+        of_all, lines = f"of {self.outcome.points} sounds", list[str]()
+        if self.cut:
+            ends = f"at {max(self.cut):.0f} dB at most; more --seconds hold them"
+            lines.append(f"{len(self.cut)} {of_all} are cut, {ends}")
+        if self.limited:
+            wanted = f"quieter than {self.form.loudness:g} LUFS, {min(self.limited):.1f} at least"
+            peak = f"their peaks would exceed {NORMALISED_PEAK_DBFS:g} dBFS"
+            lines.append(f"{len(self.limited)} {of_all} are {wanted}: {peak}")
+        return lines
+
     def finish(self) -> None:
         """Drop the rows whose sounds were removed meanwhile, bring sounds that are to have one gain to it, if all are
         there, and write the index in order. Raises RuntimeError."""
@@ -224,6 +273,7 @@ class SoundFolder:
                 self._drop(number)
         if self.is_scaled_last and not self.outcome.interrupted:
             self._scale()
+        self.outcome.warnings = self._warnings()
         self._write_index()
         if not self.outcome.interrupted and self.unscaled.is_dir():
             for path in [self.unscaled / self.name_of(number) for number in self.tasks]:
@@ -236,7 +286,7 @@ class SoundFolder:
         task = self.tasks[number]
         is_same = row["status"] == "done" and row["fingerprint"] == self.values[number]["fingerprint"]
         path, rate = sound_path(self.folder, row), task.options["samplerate"]
-        if not is_same or row["file"] != self.name_of(number) or not path.is_file():
+        if not is_same or not is_plain_name(row["file"]) or not path.is_file() or not is_whole(path):
             return False
         import soundfile
 
@@ -245,7 +295,18 @@ class SoundFolder:
             info = soundfile.info(str(path))
         except (OSError, RuntimeError):
             return False
-        return bool((info.frames, info.samplerate) == (frame_count(seconds, rate), rate))
+        has_length = self.form.trim or self.form.loop is not None or info.frames == frame_count(seconds, rate)
+        return bool(has_length and info.samplerate == rate)
+
+    def _named_anew(self, number: int, row: IndexRow) -> IndexRow:
+        """Give the sound of a row the name that it has today. Raises RuntimeError."""
+        old, new = sound_path(self.folder, row), row | {"file": self.name_of(number)}
+        if row["file"] != new["file"]:
+            try:
+                os.replace(old, sound_path(self.folder, new))
+            except OSError as error:
+                raise _write_error(old, error) from error
+        return new
 
     def _rows_done(self) -> list[tuple[int, IndexRow]]:
         return [(number, row) for number, row in self.rows.items() if row["status"] == "done"]
@@ -266,11 +327,11 @@ class SoundFolder:
                 source, before = target, float(row["gain_db"])
                 if row["gain_db"] == gain:
                     continue
-                if resolve_subtype(target, self.subtype) not in ("FLOAT", "DOUBLE"):
+                if resolve_subtype(target, self.form.subtype) not in ("FLOAT", "DOUBLE"):
                     self._drop(number)
                     continue
             try:
-                rescale(source, target, self.outcome.gain_db - before, self.subtype)
+                rescale(source, self.sound_file(number), self.outcome.gain_db - before)
             except (OSError, RuntimeError) as error:
                 raise _write_error(target, error) from error
             row["gain_db"] = gain
@@ -305,13 +366,15 @@ def _make_tasks(
 
     settings: what else makes a sound another one
     """
-    tasks, values, failures = {}, {}, {}
+    tasks, failures = {}, {}
+    values: dict[int, dict[str, Cell]] = {}
     for number, point in enumerate(plan.points, 1):
         progress(0.0)
-        values[number] = {"number": number} | _values_by_path(plan, point)
+        values[number] = {"number": number, **plan.values(number)}
         try:
-            task = RenderTask(number, plan.scene(point).model_dump(exclude_unset=True), options)
-            values[number]["fingerprint"] = task.fingerprint(*settings)
+            document = plan.scene(point).model_dump(exclude_unset=True)
+            task = RenderTask(number, document, options, contacts=plan.contacts)
+            values[number]["fingerprint"] = task.fingerprint(*settings, *plan.contacts)
             tasks[number] = task
         except (PatchError, OSError) as error:
             faults = [f"{f.path}: {f.message}" for f in error.faults] if isinstance(error, PatchError) else [str(error)]
@@ -319,9 +382,12 @@ def _make_tasks(
     return tasks, values, failures
 
 
-def _values_by_path(plan: SweepPlan, point: GridPoint) -> dict[str, Cell]:
-    """The values of a point by their paths, with all their digits."""
-    return {axis.path: str(value) for axis, value in zip(plan.axes, point, strict=True)}
+def read_patch_text(plan: SweepPlan) -> str:
+    """Return the text of the patch of a plan; "" if it is no file."""
+    try:
+        return Path(plan.patch).read_text("utf-8-sig", "replace")
+    except OSError:
+        return ""
 
 
 @contextmanager

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from engine.analysis.features import features
-from engine.compiler import background
 from engine.patch.scene import Scene
 from engine.sweep.index_csv import Cell
 
@@ -27,12 +26,14 @@ class RenderTask:
     document: the scene, complete but for the audio files of forces
     options:  arguments of engine.offline.render.render_arrays
     files:    contents of audio files by the index of their force, where the worker may not have them
+    contacts: the names of those that are measured, from a trace
     """
 
     number: int
     document: dict[str, Any]
     options: dict[str, Any]
     files: dict[int, bytes] = field(default_factory=dict)
+    contacts: tuple[str, ...] = ()
 
     def complete(self) -> "RenderTask":
         """A copy with the contents of its files. Raises OSError."""
@@ -71,6 +72,7 @@ def render_task(task: RenderTask) -> RenderResult:
 
 def _render_in_folder(task: RenderTask, folder: Path) -> RenderResult:
     """Render a point, whose files are written to a temporary folder."""
+    from engine.analysis.contact_summaries import ContactSummaries
     from engine.analysis.silence import explain_silence
     from engine.offline.render import render_arrays
 
@@ -83,8 +85,7 @@ def _render_in_folder(task: RenderTask, folder: Path) -> RenderResult:
             forces[n]["file"] = str(path)
         document = document | {"force": forces}
     scene = Scene.model_validate(document)
-    with background.forbidden():
-        rendering = render_arrays(scene, cores=1, **task.options)
+    rendering = render_arrays(scene, cores=1, trace=bool(task.contacts), **task.options)
     if not np.isfinite(rendering.audio).all():
         return RenderResult(None, {}, "samples are not finite")
     stats, newton = rendering.stats, rendering.stats.newton
@@ -99,6 +100,11 @@ def _render_in_folder(task: RenderTask, folder: Path) -> RenderResult:
         "trusted": int(stats.trusted),
         "reasons": "; ".join(stats.reasons),
     }
+    if task.contacts and rendering.trace is not None:
+        summaries = ContactSummaries(rendering.trace, task.contacts)
+        for name in summaries:  # others are out of reach, or of no stiffness
+            measured = summaries[name].as_dict()
+            cells |= {f"{name}.{measure}": None if value != value else value for measure, value in measured.items()}
     if explain_silence(scene, stats.seconds, stats.samplerate, stats.peak, stats):  # what rounding leaves is no sound
         cells["silent"] = 1.0
     return RenderResult(rendering.audio, cells)

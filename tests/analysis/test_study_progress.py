@@ -98,7 +98,6 @@ def test_references_that_are_not_needed_shorten_it(monkeypatch):
 
 @pytest.mark.hard
 def test_a_study_names_its_phases(monkeypatch):
-    monkeypatch.setenv("FDH_KERNEL", "general")
     phases, shares = [], []
 
     def report(share, phase, left):

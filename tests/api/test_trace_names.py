@@ -37,13 +37,16 @@ def test_with_shapes_there_are_those_of_bodies_too(name, bodies):
     assert set(rendering.trace) == ALWAYS | WITH_SHAPES | of_bodies
 
 
+FACTS = {"patch", "patch_text", "kernel", "accuracy", "fdh_version"}  # beside the trace
+
+
 def test_a_file_has_the_same_names(tmp_path):
     patch = next(path for path in PATCHES if path.stem == "bouncing_ball")
     words = ("-o", str(tmp_path / "a.wav"), "--seconds", "0.1", "--trace", str(tmp_path / "a.npz"))
     assert exit_code("render", str(patch), *words) == 0
-    assert set(np.load(tmp_path / "a.npz").files) == ALWAYS
+    assert set(np.load(tmp_path / "a.npz").files) == ALWAYS | FACTS
     assert exit_code("render", str(patch), *words, "--trace-shapes") == 0
-    assert set(np.load(tmp_path / "a.npz").files) == ALWAYS | WITH_SHAPES
+    assert set(np.load(tmp_path / "a.npz").files) == ALWAYS | WITH_SHAPES | FACTS
 
 
 def test_every_name_is_explained():

@@ -14,6 +14,8 @@ from engine.cli import main
 from engine.live.audio_recording import Recording
 from engine.output_files import save_audio
 from engine.report.html import encode_for_browser
+from engine.sound.form import SoundForm
+from engine.sound.sound_file import SoundFile
 from engine.sweep.common_gain import rescale
 
 PATCH = str(ROOT / "patches" / "repelled_oscillator.toml")
@@ -134,7 +136,7 @@ def test_integers_are_rounded_and_full_scale_does_not_wrap(tmp_path, kind, bits)
     recording.close()
     check_rounded(tmp_path / f"b{kind}", single.astype(float), bits)
     save_audio(tmp_path / "c.wav", sound, 44_100, "DOUBLE")
-    rescale(tmp_path / "c.wav", path, 0.0, subtype)
+    rescale(tmp_path / "c.wav", SoundFile(path, SoundForm(subtype)), 0.0)
     check_rounded(path, sound, bits)
 
 

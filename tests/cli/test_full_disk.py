@@ -57,14 +57,14 @@ def test_a_file_is_as_libsndfile_writes_it(tmp_path, name):
 def test_a_sweep_says_which_file_and_goes_on(tmp_path, monkeypatch):
     """The disk is full at the second sound, and then at the index."""
     folder, true = tmp_path / "a", save_audio
-    full = {"0002_marble.displacement=0.000316228.wav"}
+    full = {"0002_marble_displacement_0p000316228.wav"}
 
     def saved(path, *told):
         if path.name in full:
             raise OSError(28, os.strerror(28))
         true(path, *told)
 
-    monkeypatch.setattr("engine.sweep.sweep.save_audio", saved)
+    monkeypatch.setattr("engine.sound.sound_file.save_audio", saved)
     with pytest.raises(
         RuntimeError, match=r"cannot write .*/unscaled/0002_.*\.wav \(no space left on device\); when this is possible"
     ):
@@ -83,7 +83,7 @@ def test_a_sweep_of_too_little_room_on_the_command_line(tmp_path):
     run = limited(f"from engine.cli import main; sys.exit(main.main({words}))", tmp_path)
     assert run.returncode == 1
     assert run.stderr.splitlines()[-1].startswith(
-        "fdh: cannot write a/unscaled/0001_marble.displacement=0.0001.wav (file too large); when this is possible"
+        "fdh: cannot write a/unscaled/0001_marble_displacement_0p0001.wav (file too large); when this is possible"
     )
     assert "Traceback" not in run.stderr
     assert [p.name for p in (tmp_path / "a").rglob("*") if p.is_file()] == ["index.csv"]

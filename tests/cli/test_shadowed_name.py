@@ -30,7 +30,7 @@ def run(program: str, folder: Path, *words: str, **more: str) -> str:
     if program == "fdh" and not FDH.exists():
         pytest.skip("fdh is not installed")
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    environment |= {"FDH_KERNEL": "general", **more}
+    environment |= more
     command = [*PROGRAMS[program], *words]
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0 and "engine of the user" not in done.stdout + done.stderr, done.stderr
@@ -51,23 +51,3 @@ def test_processes_of_a_sweep_beside_an_engine_of_the_user(program, folder):
     run(program, folder, "sweep", "bouncing_ball", *varied, "--seconds", "0.1", "--cores", "2", "-o", "balls")
     with open(folder / "balls" / "index.csv", newline="", encoding="utf-8") as file:
         assert [row["status"] for row in csv.DictReader(file)] == ["done"] * 3
-
-
-def test_the_process_that_compiles_beside_is_not_of_the_user(folder, monkeypatch):
-    """It is started where our package lies, and finds it first."""
-    from engine.compiler import background
-
-    started = []
-    monkeypatch.setattr(background, "is_allowed", lambda: True)
-    monkeypatch.setattr(background, "_holder", lambda: None)
-    monkeypatch.chdir(folder)
-    with monkeypatch.context() as patch:
-        patch.setattr(background.subprocess, "Popen", lambda words, **settings: started.append((words, settings)))
-        background.compile_beside([("any", "request")])
-    [(words, settings)] = started
-    assert words[1:3] == ["-m", "engine.compiler.background"]
-    code = "import engine; print(engine.__file__)"
-    done = subprocess.run(
-        [words[0], "-c", code], cwd=settings["cwd"], env=settings["env"], capture_output=True, text=True, check=True
-    )
-    assert Path(done.stdout.strip()) == ROOT / "engine" / "__init__.py"

@@ -14,10 +14,11 @@ from engine.compiler.tricks import FOUND, Trick
 SOUND = """
 import hashlib, sys, engine
 from bench.scenes.families import tanpuras
-for name in sys.argv[1:]:
+kernel, *names = sys.argv[1:]
+for name in names:
     seconds = {"repelled_oscillator": 0.1, "guitar_frets": 0.02, "a bridge of twelve points": 0.05}[name]
     scene = tanpuras(1, 12, 1.5) if " " in name else engine.load(name)
-    rendering = engine.render(scene, seconds=seconds, trace=True)
+    rendering = engine.render(scene, seconds=seconds, trace=True, kernel=kernel)
     arrays = [rendering.audio, *(rendering.trace[key] for key in ("displacement", "velocity", "force", "iterations"))]
     print(name.replace(" ", "_"), *(hashlib.sha256(array.tobytes()).hexdigest() for array in arrays))
 """
@@ -49,8 +50,8 @@ def test_a_name_that_is_no_trick_is_refused(monkeypatch):
 
 def sounds(folder, plain: str, kernel: str, *scenes: str) -> list[str]:
     """For each scene, digests of what it becomes, in a process of its own."""
-    environment = {**os.environ, "FDH_PLAIN": plain, "NUMBA_CACHE_DIR": str(folder), "FDH_KERNEL": kernel}
-    command = [sys.executable, "-c", SOUND, *scenes]
+    environment = {**os.environ, "FDH_PLAIN": plain, "NUMBA_CACHE_DIR": str(folder)}
+    command = [sys.executable, "-c", SOUND, kernel, *scenes]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
     return done.stdout.splitlines()
 

@@ -18,7 +18,7 @@ DATA = "model", "state", "axes", "enums", "island_view"  # files that list what 
 EFFECTS = {
     "weight": (re.compile(r"weight"), ("potential",)),
     "connections": (re.compile(r"connection"), ("connection", "connected", "near_contacts")),
-    "contact loss": (re.compile(r"contact_loss|loss_rate"), ("contact_loss", "contact_law", "scalar_contact")),
+    "contact loss": (re.compile(r"contact_loss|loss_rate"), ("contact_loss", "power_law", "law", "scalar_contact")),
 }
 MAX_ARGUMENTS = 6
 OTHER_WAYS = "begin_flight", "step_saved_motion", "advance_free_masses"  # to advance a sample, without a StepOutcome
@@ -102,7 +102,7 @@ BRANCHING_ROOMS = "run", "interactions", "modes"
 # what a test of the kernel calls or names to learn whether an effect is there, or what it allows
 ABILITY = re.compile(
     r"(has_(connections|contacts|external_forces|friction)|stretches|moves_by_basis|is_damping|damps_in_halves"
-    r"|(has|acts_on)_more_than_(damping|loss)|abilities|Ability|EFFECTS)$"
+    r"|(has|acts_on)_more_than_(damping|loss)|abilities|Ability)$"
 )
 PREDICATE = re.compile(r"(is|are|has|have|can|may|must|was|were|leaves_out|falls|closes)_")
 WORD = re.compile(r"[\w.]+")  # a text that is a name
@@ -120,6 +120,7 @@ class Counts(NamedTuple):
     writing_predicates: list[str]  # of the kernel, that assign to what they are given, or call what does
     know: dict[str, list[str]]  # files outside an effect's own that name it, by its name
     branches: list[str]  # on an effect or an ability, in BRANCHING_ROOMS
+    gates: list[str]  # of the kernel: tests of the constant of effects, which special kernels leave out
     none_tests: list[str]  # functions of the kernel that test for None
 
 
@@ -136,6 +137,7 @@ def measure_engine(root: Path = ROOT) -> Counts:
         writing_predicates=find_writing_predicates(kernel),
         know={effect: files_that_know(effect, trees) for effect in NAMED_EFFECTS},
         branches=[place for name, tree in kernel.items() for place in _find_branches(name, tree)],
+        gates=[place for name, tree in kernel.items() for place in _find_gates(name, tree)],
         none_tests=[f"{name}.{f.name}" for name, tree in kernel.items() for f in _functions(tree) if _tests_none(f)],
     )
 
@@ -166,6 +168,11 @@ def files_that_know(effect: str, trees: dict[str, ast.Module]) -> list[str]:
     return [name for name, tree in others.items() if any(word.search(x) for x in _identifiers(tree))]
 
 
+def identifiers_of(path: Path) -> set[str]:
+    """Return the identifiers of a file, and the words that it quotes."""
+    return set(_identifiers(_parse(path)))
+
+
 def _identifiers(tree: ast.AST) -> Iterator[str]:
     """Yield the names, attributes, arguments and keywords in a tree, the names of what it defines and imports, and the
     words that it quotes, such as "friction"."""
@@ -193,6 +200,13 @@ def _find_branches(name: str, tree: ast.AST) -> Iterator[str]:
         named = node.id if isinstance(node, ast.Name) and node.id.isupper() else ""
         named = node.attr if isinstance(node, ast.Attribute) else named
         if ABILITY.match(called) or (named and ABILITY.match(named)):
+            yield f"{name}:{node.lineno}"
+
+
+def _find_gates(name: str, tree: ast.AST) -> Iterator[str]:
+    """Yield each test of the constant of effects, by file and line."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.BinOp) and isinstance(node.left, ast.Name) and node.left.id == "EFFECTS":
             yield f"{name}:{node.lineno}"
 
 
@@ -289,6 +303,7 @@ def table_of(counts: Counts) -> list[tuple[str, int]]:
         ("predicates of the kernel that write", len(counts.writing_predicates)),
         *((f"files that know {effect}", len(files)) for effect, files in counts.know.items()),
         ("branches on an effect or an ability", len(counts.branches)),
+        ("tests of the constant of effects", len(counts.gates)),
         ("functions of the kernel that test for None", len(counts.none_tests)),
     ]
 

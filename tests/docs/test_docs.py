@@ -17,13 +17,14 @@ from conftest import PATCHES, ROOT, needs_alsa, needs_portaudio
 
 import engine
 
-GUIDES = ["first_patch", "bodies", "joining", "friction", "scheme", "accuracy"]
+GUIDES = ["first_patch", "bodies", "joining", "friction", "scheme", "accuracy", "files"]
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 def follow(guide: str, folder: Path, environment: dict[str, str], root: Path = ROOT) -> str:
-    """Do what a guide says, in a folder that has the patches; returns all that was printed."""
-    (folder / "patches").symlink_to(ROOT / "patches")
+    """Do what a guide says, in a folder that has the patches and the guides; returns all that was printed."""
+    for name in ("patches", "docs"):
+        (folder / name).symlink_to(ROOT / name)
     told = {"cwd": folder, "env": os.environ | {"PYTHONPATH": str(root)} | environment}
     told |= {"capture_output": True, "text": True, "timeout": 900.0, "stdin": subprocess.DEVNULL}
     said = []
@@ -132,16 +133,14 @@ def test_the_worked_examples_are_changes_of_the_engine_as_it_is(tmp_path):
         assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize(
-    "kernel", [pytest.param("special", marks=pytest.mark.hard), pytest.param("general", marks=pytest.mark.slow)]
-)
-def test_the_worked_examples_of_a_law_and_of_an_effect(kernel, tmp_path):
-    """The changes that the guide shows, made to a copy of the engine. The general kernel takes minutes to compile."""
+@pytest.mark.hard
+def test_the_worked_examples_of_a_law_and_of_an_effect(tmp_path):
+    """The changes that the guide shows, made to a copy of the engine, whose kernel takes minutes to compile."""
     copy = tmp_path / "copy"
     copy.mkdir()
     for name in ("engine", "fdh"):
         shutil.copytree(ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
-    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "FDH_KERNEL": kernel}
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     assert "terminal velocity" in follow("extending", tmp_path, environment, copy)
 
 

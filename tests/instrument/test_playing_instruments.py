@@ -17,6 +17,7 @@ from engine.live.instrument_notes import scene_of_file, score_of_notes
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi import render_notes
 from engine.live.midi_notes import MidiError, Note
+from engine.live.midi_parts import Excerpt
 from engine.live.midi_port import take_message
 from engine.live.mpe import MpeZones, NoteChannels
 from engine.live.player import Player
@@ -78,7 +79,7 @@ def test_a_time_between_two_frames_is_the_same_frame_in_a_score_and_in_midi(path
     scene = engine.load(path)
     wanted = engine.render(scene, seconds=0.7).audio
     assert np.array_equal(engine.render(scene_of_file(scene, file).scene, seconds=0.7).audio, wanted)
-    _, player, *_ = render_notes(engine.load("piano_c4"), str(file), RATE, 0.7, 2)
+    _, player, *_ = render_notes(engine.load("piano_c4"), str(file), RATE, Excerpt(seconds=0.7), 2)
     assert [event["row"][4] for event in player.log()["events"] if event["why"][0] == "strike"] == [0, *frames]
 
 

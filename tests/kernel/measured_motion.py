@@ -9,7 +9,6 @@ from measured_step import measured_step
 
 import engine
 from engine.assembly.build import build
-from engine.assembly.general import generalise
 from engine.compiler.array_view import row_view
 from engine.compiler.decorators import INT64_0, INT64_1, inline, kernel
 from engine.compiler.struct_handle import StructHandle
@@ -37,7 +36,7 @@ measured_sample_in_stages = inline(FunctionType(composed_step.py_func.__code__, 
 def advance(refinement, model, state, frame):
     """A sample by measured steps. Returns a StepOutcome."""
     if refinement is None:
-        h = step_with_dampers(model.step, model.step.loss, model.events, state)
+        h = step_with_dampers(model.step, state)
         return measured_step(model, StepSettings(h, StepKind.SAMPLE, False, frame, SAMPLE), state)
     else:
         return measured_sample_in_stages(model, refinement, state, frame)
@@ -54,10 +53,10 @@ def render_measured(model_handle, state_handle, output_handle, frames):
         clear_drive(model.drive, state.drive, (INT64_0, last), begin, end - begin)
         for n in range(last):
             bounds = island_bounds(islands, INT64_0, n)
-            part, part_state = island_model(model, state, bounds), island_state(state, bounds)
+            part, part_state = island_model(model, bounds), island_state(state, bounds)
             for frame in range(begin, end):
                 if frame % FLIGHT_FRAMES == 1:
-                    reset_solve_budget(part_state.scratch, part_state)
+                    reset_solve_budget(part_state)
                     if part_state.in_contact[0] == 0:  # or the rounding of steps between contacts would add up
                         reset_open_contacts(part.contact, part_state)
                 add_pickups(part, part_state, audio[frame], frame)
@@ -81,15 +80,13 @@ def disturb(model: Model, state: State, disturbance: float) -> None:
     rng = np.random.default_rng(0)
     for start in (state.q, state.p):
         start[:] *= 1.0 + disturbance * rng.choice([-1.0, 1.0], start.size)
-    if model.force is not None:
-        model.force.table[:] *= 1.0 + disturbance
-        model.force.tail[:] *= 1.0 + disturbance
-    if model.refinement is not None and model.refinement.force is not None:  # the same in stages
+    model.force.table[:] *= 1.0 + disturbance
+    model.force.tail[:] *= 1.0 + disturbance
+    if model.refinement is not None:  # the same in stages
         model.refinement.force.number[:, ForceNumber.AMPLITUDE] *= 1.0 + disturbance
         model.refinement.force.line[:] *= 1.0 + disturbance
-    if model.events is not None:
-        model.events.value2[model.events.kind == EventKind.STRIKE] *= 1.0 + disturbance
-        model.events.value[model.events.kind == EventKind.PLUCK] *= 1.0 + disturbance
+    model.events.value2[model.events.kind == EventKind.STRIKE] *= 1.0 + disturbance
+    model.events.value[model.events.kind == EventKind.PLUCK] *= 1.0 + disturbance
 
 
 def measured_motion(scene: engine.Scene, seconds: float, samplerate: int = 44_100, disturbance: float = 0.0) -> Motion:
@@ -100,7 +97,6 @@ def measured_motion(scene: engine.Scene, seconds: float, samplerate: int = 44_10
     model, state, layout = build(scene, samplerate, scene.accuracy, seconds)
     if disturbance:
         disturb(model, state, disturbance)
-    model, state = generalise(model, state)
     frames = round(seconds * samplerate)
     audio, trace = np.zeros((frames, scene.channels)), allocate_trace(model, frames)
     output = block_output(audio, np.zeros((len(Ledger), 0)), Energies.NEVER, trace)

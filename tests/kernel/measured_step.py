@@ -7,7 +7,8 @@ The laws, the contact solvers and the factors of connections are the engine's.
 from typing import NamedTuple
 
 from engine.compiler.decorators import FALSE, INT64_0, inline, noinline
-from engine.kernel.contact.contact_law import LossyLaw, end_force_of, force_of_lossy_law
+from engine.kernel.contact.law import energy_created, laws_in_step, store_solution, takes_part
+from engine.kernel.contact.power_law import end_force_of, force_of_lossy_law
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.connections import clear, finish_connections, project_rows
@@ -15,9 +16,8 @@ from engine.kernel.interactions.contact_forces import (
     finish_contacts,
     solve_only_contact,
     solve_several_contacts,
-    takes_part,
 )
-from engine.kernel.interactions.contacts import Reach, Touch, energy_created, free_displacement_at, store_solution
+from engine.kernel.interactions.contacts import ContactOutcome, ContactsInReach, free_displacement_at
 from engine.kernel.interactions.external_forces import find_external_forces, shapes_of
 from engine.kernel.modes.mode_step import apply_loss, begin_step_mode, motion_of, reverse_momenta
 from engine.kernel.modes.point_rows import project_drift, push_at_row
@@ -65,18 +65,16 @@ def lose_at_end(h, state):
 @inline
 def kick_by_external(force, h, state):
     """Half a kick by every external force."""
-    if force is not None:
-        for j in range(force.start.shape[0]):
-            push_at_row(force.rows, h.kick_phi, j, state.external_force[j], state.p)
+    for j in range(force.start.shape[0]):
+        push_at_row(force.rows, h.kick_phi, j, state.external_force[j], state.p)
 
 
 @inline
 def work_of_external(force, h, state):
     """Work of all external forces over the coming drift, J."""
     work = 0.0
-    if force is not None:
-        for j in range(force.start.shape[0]):
-            work += state.external_force[j] * project_drift(force.rows, h, j, state.p)
+    for j in range(force.start.shape[0]):
+        work += state.external_force[j] * project_drift(force.rows, h, j, state.p)
     return work
 
 
@@ -100,61 +98,56 @@ def kick_by_forces(connection, h, forces, state):
 @inline
 def begin_connections(connection, h, state):
     """Find the forces of connections without those of contacts; and half a kick by them."""
-    if connection is not None:
-        joined, n = state.connection, state.connection.extension.shape[0]
-        update_factors(connection, h.connection, h.contact, state)
-        measure_moves(connection, h, joined.free_move, state)
-        x, y = h.connection.force_per_extension, h.connection.force_per_move
-        for i in range(n):
-            joined.force[i] = 0.0
-            for j in range(n):
-                joined.force[i] += x[j * n + i] * joined.extension[j] + y[j * n + i] * joined.free_move[j]
-        kick_by_forces(connection, h, joined.force, state)
+    joined, n = state.connection, state.connection.extension.shape[0]
+    update_factors(connection, h.connection, h.contact, state)
+    measure_moves(connection, h, joined.free_move, state)
+    x, y = h.connection.force_per_extension, h.connection.force_per_move
+    for i in range(n):
+        joined.force[i] = 0.0
+        for j in range(n):
+            joined.force[i] += x[j * n + i] * joined.extension[j] + y[j * n + i] * joined.free_move[j]
+    kick_by_forces(connection, h, joined.force, state)
 
 
 @inline
 def answer(connection, h, state):
     """Correct the forces of connections by how far contact forces move them; and half a kick by the change."""
-    if connection is not None:
-        joined, n, contacts = state.connection, state.connection.extension.shape[0], state.compression.shape[0]
-        for i in range(n):
-            joined.move[i] = 0.0
-            for k in range(contacts):
-                joined.move[i] -= h.connection.contact_moves[k * n + i] * state.contact_force[k]
-        for i in range(n):
-            joined.free_move[i] = 0.0
-            for j in range(n):
-                joined.free_move[i] += h.connection.force_per_move[j * n + i] * joined.move[j]
-        kick_by_forces(connection, h, joined.free_move, state)
-        for i in range(n):
-            joined.force[i] += joined.free_move[i]
+    joined, n, contacts = state.connection, state.connection.extension.shape[0], state.compression.shape[0]
+    for i in range(n):
+        joined.move[i] = 0.0
+        for k in range(contacts):
+            joined.move[i] -= h.connection.contact_moves[k * n + i] * state.contact_force[k]
+    for i in range(n):
+        joined.free_move[i] = 0.0
+        for j in range(n):
+            joined.free_move[i] += h.connection.force_per_move[j * n + i] * joined.move[j]
+    kick_by_forces(connection, h, joined.free_move, state)
+    for i in range(n):
+        joined.force[i] += joined.free_move[i]
 
 
 @inline
 def finish(connection, h, state):
     """Half a kick by connections after the drift."""
-    if connection is not None:
-        kick_by_forces(connection, h, state.connection.force, state)
+    kick_by_forces(connection, h, state.connection.force, state)
 
 
 @inline
 def measure_connections(connection, h, state):
     """Measure how far the coming drift changes each extension."""
-    if connection is not None:
-        measure_moves(connection, h, state.connection.move, state)
-        state.connection.is_move_known[0] = 0
+    measure_moves(connection, h, state.connection.move, state)
+    state.connection.is_move_known[0] = 0
 
 
 # --- contacts
 
 
 @inline
-def kick_by_contacts(contact, other_rows, h, state):
+def kick_by_contacts(contact, h, state):
     """Half a kick by all contact forces."""
     for k in range(state.compression.shape[0]):
         push_at_row(contact.rows, h.rows.kick_phi, k, -state.contact_force[k], state.p)
-        if other_rows is not None:
-            push_at_row(other_rows, h.other_rows.kick_phi, k, -state.contact_force[k], state.p)
+        push_at_row(contact.other_rows, h.other_rows.kick_phi, k, -state.contact_force[k], state.p)
 
 
 class Found(NamedTuple):
@@ -168,27 +161,24 @@ class Found(NamedTuple):
 @inline
 def solve_all_contacts(contact, h, state):
     """Find all contact forces. Returns a Found."""
-    if contact is None:
-        return Found(SolveStatus.FREE, INT64_0, (0.0, 0.0, 0.0))
     s, g = state.compression, state.free_displacement
     is_closing = FALSE
     for k in range(s.shape[0]):
-        g[k] = free_displacement_at(contact, contact.other_rows, h.contact, k, state.p)
+        g[k] = free_displacement_at(contact, h.contact, k, state.p)
         is_closing = is_closing or s[k] > 0.0 or s[k] + g[k] > 0.0
     if not is_closing:
         for k in range(s.shape[0]):
             s[k] += g[k]
             state.contact_force[k] = 0.0
         return Found(SolveStatus.FREE, INT64_0, (0.0, 0.0, 0.0))
-    return solve_by_number(contact, h.contact, h.contact.coupling, state)
+    return solve_by_number(contact, h.contact, state)
 
 
 @inline
-def solve_by_number(contact, h, coupling, state):
+def solve_by_number(contact, h, state):
     """Find the force of an only contact, or of several. Returns a Found."""
-    if coupling is not None:
-        if state.compression.shape[0] > 1:
-            return solve_several(contact, h, state)
+    if state.compression.shape[0] > 1:
+        return solve_several(contact, h, state)
     s, g = state.compression[0], state.free_displacement[0]
     eta, b, f, evaluations, status = solve_only_contact(contact, h, s, g, state)
     return Found(status, evaluations, (eta, b, f))
@@ -198,7 +188,7 @@ def solve_by_number(contact, h, coupling, state):
 def solve_several(contact, h, state):
     """Find the forces of several contacts. Returns a Found."""
     s, g = state.compression, state.free_displacement
-    reach = Reach(s.shape[0], None, s, g, LossyLaw(contact.law, h.loss_rate, None), h.coupling, None)
+    reach = ContactsInReach(s.shape[0], None, s, g, laws_in_step(h, state), h.coupling, None)
     solution = solve_several_contacts(contact, h, reach, contact.max_rounds, state)
     return Found(solution.status, solution.evaluations, (0.0, 0.0, 0.0))
 
@@ -206,17 +196,16 @@ def solve_several(contact, h, state):
 @inline
 def store_all_contacts(contact, h, solution, state):
     """Store all contacts, with moves that are measured. Returns the energy lost, and created, J."""
-    if contact is None:
+    if state.compression.shape[0] == 0:
         return 0.0, 0.0
-    return store_by_number(contact, h.contact, h.contact.coupling, solution, state)
+    return store_by_number(contact, h.contact, solution, state)
 
 
 @inline
-def store_by_number(contact, h, coupling, solution, state):
+def store_by_number(contact, h, solution, state):
     """Store an only contact, or several. Returns the energy lost, and created, J."""
-    if coupling is not None:
-        if state.compression.shape[0] > 1:
-            return store_several(contact, h, solution, state)
+    if state.compression.shape[0] > 1:
+        return store_several(contact, h, solution, state)
     eta, b, f = solution.single
     return store_contact(contact, h, state, INT64_0, (eta, b, f, solution.status))
 
@@ -227,12 +216,12 @@ def store_several(contact, h, solution, state):
     vectors, lost, excess = state.scratch.vectors, 0.0, 0.0
     for k in range(state.compression.shape[0]):
         eta, b, f = vectors[Row.STEP, k], vectors[Row.END, k], vectors[Row.FORCE, k]
-        if takes_part(state.compression[k], b, f):
+        if takes_part(state, k, state.compression[k], b, f):
             lost_here, created = store_contact(contact, h, state, k, (eta, b, f, solution.status))
             lost, excess = lost + lost_here, excess + created
         else:
             state.compression[k], state.contact_force[k] = b, 0.0
-            state.compression_compensation[k] += vectors[Row.MISS, k]
+            state.compression_compensation[k] += vectors[Row.STEP_RESIDUAL, k]
     return lost, excess
 
 
@@ -240,22 +229,19 @@ def store_several(contact, h, solution, state):
 def store_contact(contact, h, state, k, found):
     """Store contact k. Returns the energy lost, and created, J."""
     (eta, b, f, status), s = found, state.compression[k]
-    move = free_displacement_at(contact, contact.other_rows, h, k, state.p)
+    move = free_displacement_at(contact, h, k, state.p)
     state.free_displacement[k] = move
-    law_force, end_force = f, end_force_of(LossyLaw(contact.law, h.loss_rate, None), k, b)
+    law_force, end_force = f, end_force_of(laws_in_step(h, state), k, b)
     if status == SolveStatus.CAPPED:
-        law_force = force_of_lossy_law(LossyLaw(contact.law, h.loss_rate, None), k, s, eta, f)
-    lost = store_solution(
-        contact, h, state, k, (eta, b, f, law_force, end_force), (move - eta) + h.compliance_low[k] * f
-    )
-    return lost, energy_created(contact, state, k, s, lost, f)
+        law_force = force_of_lossy_law(laws_in_step(h, state), k, s, eta, f)
+    lost = store_solution(h, state, k, (eta, b, f, law_force, end_force), (move - eta) + h.compliance_low[k] * f)
+    return lost, energy_created(state, k, s, lost, f)
 
 
 @inline
 def kick_again(contact, h, state):
     """Half a kick by all contact forces after the drift."""
-    if contact is not None:
-        kick_by_contacts(contact, contact.other_rows, h.contact, state)
+    kick_by_contacts(contact, h.contact, state)
 
 
 # --- the step
@@ -266,8 +252,7 @@ def measured_step(model, settings, state):
     """Do a step part by part. Returns a StepOutcome. The arguments are those of engine.kernel.run.step.step."""
     h, contact, connection, force = settings.h, model.contact, model.connection, model.force
     lost = begin_modes(h, state)
-    if force is not None:
-        find_external_forces(force, model.events, shapes_of(model.refinement), settings, state)
+    find_external_forces(force, model.events, shapes_of(model.refinement), settings, state)
     kick_by_external(force, h.force, state)
     begin_connections(connection, h, state)
     solution = solve_all_contacts(contact, h, state)
@@ -281,11 +266,11 @@ def measured_step(model, settings, state):
         at_contacts, excess = store_all_contacts(contact, h, solution, state)
     work = work_of_external(force, h.force, state)
     measure_connections(connection, h, state)
-    lost += at_contacts + finish_connections(connection, h, state) + drift_modes(h, state)
+    lost += at_contacts + finish_connections(h.connection, state) + drift_modes(h, state)
     kick_by_external(force, h.force, state)
     finish(connection, h, state)
     if in_contact:
         kick_again(contact, h, state)
-        touch = Touch(solution.status, solution.evaluations, 0.0, excess, FALSE, 0.0)
-        lost += finish_contacts(touch, state)
+        outcome = ContactOutcome(solution.status, solution.evaluations, 0.0, excess, FALSE, 0.0)
+        lost += finish_contacts(outcome, state)
     return StepOutcome(in_contact, solution.evaluations, lost + lose_at_end(h, state), work)

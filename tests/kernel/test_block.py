@@ -7,6 +7,7 @@ from conftest import PATCHES, mostly_hard
 import engine
 from bench.scenes.small import barrier, mass, oscillator, scene
 from engine.assembly.build import build
+from engine.kernel.data import effects
 from engine.kernel.data.axes import arrays_of
 from engine.offline.simulation import Simulation
 
@@ -56,12 +57,11 @@ def test_measuring_changes_nothing(patch):
     np.testing.assert_allclose(rendering.audio[:, 0], bell, rtol=0.0, atol=1e-14 * np.abs(bell).max())
 
 
-def test_absent_effects_are_none(patch):
-    """Neither what a patch does not name nor what amounts to nothing is built."""
+def test_what_amounts_to_nothing_is_no_effect(patch):
+    """Neither what a patch does not name nor what has no strength."""
     body = oscillator(frequency=100.0, damping_rate=0.0, displacement=1.0)
     model = build(scene([body], gravity=0.0), 44_100).model
-    assert model.step.loss is model.step.drag is model.step.contact is model.step.force is None
-    assert model.weight is model.force is model.contact is model.events is model.refinement is None
+    assert model.effects == effects.SPRINGS and model.refinement is None
     nothing = build(
         scene(
             [mass(damping_rate=0.0)],
@@ -70,10 +70,9 @@ def test_absent_effects_are_none(patch):
         ),
         44_100,
     ).model
-    assert nothing.omega_squared is nothing.contact is nothing.step.contact is nothing.force is None
-    everything = build(patch("buzzing_reed"), 44_100).model
-    assert everything.step.contact.coupling is not None
-    assert everything.step.contact.loss_rate is not None
+    assert nothing.effects == 0
+    everything = build(patch("buzzing_reed"), 44_100).model.effects
+    assert everything & effects.SEVERAL and everything & effects.CONTACT_LOSS
 
 
 def test_islands_do_not_hear_each_other(patch):

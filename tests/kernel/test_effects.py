@@ -15,6 +15,9 @@ from bench.performance.stripped import strip
 from bench.scenes.families import EFFECTS, NOTHING, with_effects
 from bench.scenes.small import mass, oscillator, scene
 from engine.assembly.build import build
+from engine.compiler.special_kernels import ALL, VARIABLE
+from engine.kernel.data.effects import CONTACTS, SPRINGS
+from engine.runtime.kernel_choice import prepare
 
 SUBSETS = [s for n in range(len(EFFECTS) + 1) for s in itertools.combinations(EFFECTS, n)]
 SUBSETS = [s for s in SUBSETS if "contact loss" not in s or "contact" in s]
@@ -47,15 +50,15 @@ def test_every_subset_of_effects(present):
 
 @pytest.mark.hard
 def test_absent_effects_leave_no_instruction(tmp_path):
-    """The compiled sample loop is as long as one in whose source they were never written, to 1 %; and one effect
-    more makes it longer."""
+    """The sample loop of a special kernel is as long as one in whose source they were never written, to 1 %."""
     strip(ROOT, tmp_path)
     count = []
-    for folder in (ROOT, tmp_path):
+    for folder, effects in ((ROOT, SPRINGS), (tmp_path, ALL)):
         environment = {
             **os.environ,
             "NUMBA_CACHE_DIR": str(tmp_path / f"cache_{folder.name}"),
             "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}",
+            VARIABLE: str(effects),
         }
         command = [sys.executable, "-m", "bench.performance.stripped", str(folder)]
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=True)
@@ -63,15 +66,12 @@ def test_absent_effects_leave_no_instruction(tmp_path):
     assert count[0] > 500
     assert abs(count[0] / count[1] - 1) <= 0.01
     source = (tmp_path / "engine" / "kernel" / "modes" / "mode_step.py").read_text("utf-8")
-    assert "weight is None" not in source  # it was stripped indeed
+    assert "EFFECTS & LOSS" not in source  # it was stripped indeed
 
 
 def kernel(scene: engine.Scene):
-    """The types that the kernel of a scene is compiled for."""
-    from numba import typeof
-
-    model, state, _ = build(scene, 44_100)
-    return typeof(model), typeof(state)
+    """The kinds and effects that the special kernel of a scene is compiled for."""
+    return prepare([(built := build(scene, 44_100)).model], built.state, "special").kinds
 
 
 @pytest.mark.parametrize(
@@ -93,10 +93,10 @@ def test_what_amounts_to_absence_builds_the_same_kernel(absence):
 def test_a_contact_within_reach_is_built():
     body = [oscillator(frequency=100.0, displacement=1e-3)]
     near = [{"body": "body", "barrier": 0.999e-3, "stiffness": 1e6, "exponent": 1.5}]
-    assert build(scene(body, contact=near), 44_100).model.contact is not None
+    assert build(scene(body, contact=near), 44_100).model.effects & CONTACTS
     drifting = [mass(velocity=1e-9)]
     far = [{"body": "body", "barrier": 1e3, "stiffness": 1e6, "exponent": 1.5}]
-    assert build(scene(drifting, contact=far), 44_100).model.contact is not None
+    assert build(scene(drifting, contact=far), 44_100).model.effects & CONTACTS
 
 
 # --- sleep

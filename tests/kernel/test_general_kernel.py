@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from functools import partial
 
 import numpy as np
@@ -16,8 +15,6 @@ import engine
 from bench.scenes.choirs import struck_choir
 from bench.scenes.drawn import scenes
 from bench.scenes.families import EFFECTS, tanpuras, with_effects
-from engine.compiler import background, kernel_name
-from engine.runtime import kernel_choice
 
 SECONDS = 0.25
 HARD, SLOW = (partial(pytest.param, marks=mark) for mark in (pytest.mark.hard, pytest.mark.slow))
@@ -84,55 +81,8 @@ def test_any_scene_is_the_same_on_both(scene):
 
 
 def test_a_kernel_that_nobody_has_is_refused(patch):
-    with pytest.raises(ValueError, match='"fast" is not a kernel; give special, general, auto'):
+    with pytest.raises(ValueError, match='"fast" is not a kernel; give general, special'):
         engine.render(patch("bouncing_ball"), 0.01, kernel="fast")
-
-
-def test_what_is_not_compiled_runs_on_the_general_kernel(patch, monkeypatch):
-    """And its special kernel is asked for, for the next time."""
-    asked, ready = [], kernel_choice.is_ready
-    monkeypatch.setattr(
-        kernel_choice,
-        "is_ready",
-        lambda prepared, uses: prepared.name == "general" or (ready(prepared, uses) and False),
-    )
-    monkeypatch.setattr("engine.offline.simulation.compile_beside", asked.extend)
-    rendering = engine.render(patch("bouncing_ball"), 0.01, kernel="auto")
-    assert rendering.stats.kernel == "general"
-    assert [function for _, function, _ in asked] == ["render_block", "render_block"]
-    assert asked[0][2] != asked[1][2]
-
-
-def test_nothing_is_compiled_beside_tests_workers_and_where_it_is_forbidden(monkeypatch):
-    monkeypatch.delenv("CI", raising=False)
-    monkeypatch.delenv(background.VARIABLE)
-    assert not background.is_allowed()
-    monkeypatch.delenv("PYTEST_CURRENT_TEST")
-    monkeypatch.setattr(background, "parent_process", lambda: None)
-    assert background.is_allowed()
-    with background.forbidden():
-        assert not background.is_allowed()
-    with monkeypatch.context() as patched:
-        patched.setattr(background, "parent_process", lambda: "someone")
-        assert not background.is_allowed()
-    monkeypatch.setenv("CI", "true")
-    assert not background.is_allowed()
-    monkeypatch.delenv("CI")
-    monkeypatch.setenv(background.VARIABLE, "off")
-    assert not background.is_allowed()
-
-
-def test_nothing_is_compiled_beside_live_sound(base, monkeypatch):
-    started: list = []
-    monkeypatch.setattr(background, "is_allowed", lambda: True)
-    monkeypatch.setattr(background.subprocess, "Popen", lambda *words, **_: started.append(words))
-    request = [("module", "function", ("int",))]
-    with background.postponed():
-        background.compile_beside(request)
-        assert not started and not background.is_compiling()
-        background.compile_requests(request)  # ends at once
-    background.compile_beside(request)
-    assert len(started) == 1
 
 
 def test_the_sound_of_many_islands_is_the_same_on_both_cores(patch):
@@ -141,34 +91,23 @@ def test_the_sound_of_many_islands_is_the_same_on_both_cores(patch):
     assert np.array_equal(one, two)
 
 
-def wait_until(condition, interval: float) -> None:
-    """Ask each interval (s): compilation is of the lowest priority, so asking must leave it time."""
-    begin = time.monotonic()
-    while not condition():
-        assert time.monotonic() - begin < 900.0  # another test may take its core from it
-        time.sleep(interval)
-
-
 @pytest.mark.hard
-def test_a_kernel_is_compiled_beside_for_the_next_time(tmp_path):
-    """A pipe does not wait for it; `fdh cache` tells of it; and then the special kernel runs."""
-    forbidding = (background.VARIABLE, *background.FORBIDDING, kernel_name.VARIABLE)
-    environment = {name: value for name, value in os.environ.items() if name not in forbidding}
-    environment["NUMBA_CACHE_DIR"] = str(tmp_path / "cache")
+def test_a_special_kernel_is_compiled_where_it_is_asked_for_and_kept(tmp_path):
+    """The command says which kernel it used; what was compiled once is there the next time."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
 
-    def told(*words: str) -> dict:
+    def said_by(*words: str) -> dict:
         command = [sys.executable, str(ROOT / "render.py"), *words, "--json"]
         done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
         return json.loads(done.stdout)
 
     render = ["bouncing_ball", "--seconds", "0.01"]
-    assert told(*render)["kernel"] == "general"
-    wait_until(lambda: told("cache")["compiling"], 0.2)
-    assert told(*render)["kernel"] == "general"
-    wait_until(lambda: not told("cache")["compiling"], 5.0)
-    assert told(*render)["kernel"] == "special"
-    assert told(*render, "--kernel", "general")["kernel"] == "general"
-    assert not told("cache")["compiling"]
+    assert said_by(*render)["kernel"] == "general"
+    before = said_by("cache")["kernels"]
+    assert said_by(*render, "--kernel", "special")["kernel"] == "special"
+    after = said_by("cache")["kernels"]
+    assert after == before + 1
+    assert said_by(*render, "--kernel", "special")["kernel"] == "special" and said_by("cache")["kernels"] == after
 
 
 STRING = {"name": "string", "kind": "string", "length": 0.65, "linear_density": 4e-4, "tension": 73.0, "modes": 30}

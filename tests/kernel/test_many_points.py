@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from conftest import mostly_hard
 from later import import_later
+from worst_case_solves import lossy_law
 
 import engine
 from bench.scenes.families import tanpuras
 from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
-from engine.kernel.contact.contact_law import LossyLaw
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
 from engine.kernel.data.enums import Row, SolveStatus
-from engine.kernel.data.laws import select_law
 from engine.kernel.data.state import Scratch
 from engine.live.player import Player
 
@@ -22,15 +21,15 @@ mpmath = import_later("mpmath")
 
 
 @kernel
-def coupled(law, loss_rate, compliance, s, g, scratch, budget):
-    problem = CoupledProblem(LossyLaw(law, loss_rate, None), compliance, s, g, 1e-15, scratch)
+def coupled(law, compliance, s, g, scratch, budget):
+    problem = CoupledProblem(law, compliance, s, g, 1e-15, scratch)
     return solve_coupled(problem, NO_CAP, budget)
 
 
-def solved(law, loss_rate, u: np.ndarray, s: np.ndarray, g: np.ndarray) -> tuple[int, int, np.ndarray, np.ndarray]:
+def solved(law, u: np.ndarray, s: np.ndarray, g: np.ndarray) -> tuple[int, int, np.ndarray, np.ndarray]:
     """Rounds, SolveStatus, forces and steps of contacts that move by B = U·Uᵀ; U [contacts, rank]."""
     scratch = Scratch(*(x[0] for x in allocate_scratch(1, s.size)))
-    rounds, status, _ = coupled(law, loss_rate, (u @ u.T).ravel(), s, g, scratch, np.zeros(1, np.int64))
+    rounds, status, _ = coupled(law, (u @ u.T).ravel(), s, g, scratch, np.zeros(1, np.int64))
     return rounds, status, scratch.vectors[Row.FORCE, : s.size].copy(), scratch.vectors[Row.STEP, : s.size].copy()
 
 
@@ -56,9 +55,8 @@ def test_forces_are_on_their_laws_and_move_the_bodies(alpha, loss):
         stiffness = 10 ** rng.uniform(5, 11)
         s = 10 ** rng.uniform(-8, -5) * (rng.uniform(-1.5, 0.5) - x**2 + 0.05 * rng.normal(size=contacts))
         g = 10 ** rng.uniform(-8, -5) * (rng.normal() + 0.3 * rng.normal() * x)
-        law = select_law(np.array([alpha]))(np.full(contacts, stiffness / (alpha + 1)), np.full(contacts, alpha))
-        rates = np.full(contacts, loss) if loss else None
-        rounds, status, force, eta = solved(law, rates, u, s, g)
+        law = lossy_law(np.full(contacts, stiffness / (alpha + 1)), alpha, loss)
+        rounds, status, force, eta = solved(law, u, s, g)
         assert status not in (SolveStatus.FAILED, SolveStatus.CAPPED) and rounds <= 40, trial
         assert np.all(force >= 0.0)
         moved = g - u @ (u.T @ force)

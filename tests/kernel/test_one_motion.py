@@ -79,7 +79,6 @@ def test_patches(path):
 
 @pytest.mark.hard
 def test_random_scenes_in_which_everything_acts_together(monkeypatch):
-    monkeypatch.setenv("FDH_KERNEL", "general")  # one for all: special ones of 200 scenes would fill the memory
     found = [agreement(random_joined_scene(seed)) for seed in range(SCENES)]
     assert [f"{seed}: {error:.1e}" for seed, (error, _) in enumerate(found) if not error <= TOLERANCE] == []
     assert sum(seconds >= MIN_SECONDS for _, seconds in found) >= LONG_ENOUGH

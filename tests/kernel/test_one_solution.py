@@ -4,14 +4,14 @@ That these are on the laws is tested against fifty digits elsewhere (test_solve.
 
 import numpy as np
 import pytest
+from worst_case_solves import lossy_law
 
 from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
-from engine.kernel.contact.contact_law import LossyLaw, step_start
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
+from engine.kernel.contact.law import solve_alone, step_start
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
-from engine.kernel.contact.scalar_contact_solver import ContactEquation, solve_scalar_contact
-from engine.kernel.data import laws
+from engine.kernel.contact.scalar_contact_solver import ContactEquation
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.data.state import Scratch
 
@@ -21,24 +21,21 @@ TOLERANCE = 1e-15  # of the solvers
 
 
 @kernel
-def scalar(law, loss_rate, compliance, s, g, found):
-    lossy_law = LossyLaw(law, loss_rate, None)
-    equation = ContactEquation(lossy_law, 0, step_start(lossy_law, 0, s[0]), g[0], compliance[0], TOLERANCE)
-    eta, _, force, _, _, status = solve_scalar_contact(equation, 0.0)
+def scalar(law, compliance, s, g, found):
+    equation = ContactEquation(law, 0, step_start(law, 0, s[0]), g[0], compliance[0], TOLERANCE)
+    eta, _, force, _, _, status = solve_alone(equation, 0.0)
     found[0], found[1] = eta, force
     return status
 
 
 @kernel
-def persistent(law, loss_rate, compliance, s, g, scratch):
-    return solve_persistent(CoupledProblem(LossyLaw(law, loss_rate, None), compliance, s, g, TOLERANCE, scratch))
+def persistent(law, compliance, s, g, scratch):
+    return solve_persistent(CoupledProblem(law, compliance, s, g, TOLERANCE, scratch))
 
 
 @kernel
-def coupled(law, loss_rate, compliance, s, g, scratch, budget):
-    return solve_coupled(
-        CoupledProblem(LossyLaw(law, loss_rate, None), compliance, s, g, TOLERANCE, scratch), NO_CAP, budget
-    )[1]
+def coupled(law, compliance, s, g, scratch, budget):
+    return solve_coupled(CoupledProblem(law, compliance, s, g, TOLERANCE, scratch), NO_CAP, budget)[1]
 
 
 class Problem:
@@ -52,8 +49,8 @@ class Problem:
         self.exponent = rng.choice([1.0, 1.3, 1.5, 2.0, 2.5, 3.0, 8.0], n)
         size = 10 ** rng.uniform(-6, -3)
         stiffness = 10 ** rng.uniform(-2, 3, n) / (np.diag(self.compliance) * size ** (self.exponent - 1))
-        self.law = laws.Power(stiffness / (self.exponent + 1), self.exponent)
         self.loss_rate = rng.choice([0.0, 1.0], n) * 10 ** rng.uniform(-2, 0) / size
+        self.law = lossy_law(stiffness / (self.exponent + 1), self.exponent, self.loss_rate)
         self.s = size * rng.uniform(-1.0, 1.0, n)
         self.g = size * rng.normal(size=n) * 10 ** rng.uniform(-3, 0.5)
 
@@ -64,16 +61,14 @@ class Problem:
     def by_coupled(self) -> tuple[np.ndarray, np.ndarray]:
         """Forces and steps of all contacts together."""
         scratch = self.scratch()
-        status = coupled(
-            self.law, self.loss_rate, self.compliance.ravel(), self.s, self.g, scratch, np.zeros(1, np.int64)
-        )
+        status = coupled(self.law, self.compliance.ravel(), self.s, self.g, scratch, np.zeros(1, np.int64))
         assert status not in (SolveStatus.FAILED, SolveStatus.CAPPED)
         return self.found(scratch)
 
     def by_persistent(self) -> tuple[np.ndarray, np.ndarray] | None:
         """The same of contacts that persist; None if they are not known to."""
         scratch = self.scratch()
-        rounds = persistent(self.law, self.loss_rate, self.compliance.ravel(), self.s, self.g, scratch)
+        rounds = persistent(self.law, self.compliance.ravel(), self.s, self.g, scratch)
         return self.found(scratch) if rounds > 0 else None
 
     def found(self, scratch: Scratch) -> tuple[np.ndarray, np.ndarray]:
@@ -84,7 +79,7 @@ class Problem:
     def by_scalar(self) -> tuple[np.ndarray, np.ndarray]:
         """The same of the only contact."""
         found = np.zeros(2)
-        scalar(self.law, self.loss_rate, self.compliance.ravel(), self.s, self.g, found)
+        scalar(self.law, self.compliance.ravel(), self.s, self.g, found)
         return found[1:], found[:1]
 
     def difference(self, one: tuple[np.ndarray, np.ndarray], other: tuple[np.ndarray, np.ndarray]) -> float:
@@ -92,7 +87,7 @@ class Problem:
         (force, step), (other_force, other_step) = one, other
         moves = np.abs(self.g) + np.abs(self.compliance) @ np.abs(force)
         depth = np.abs(self.s) + moves
-        hardness = self.law.potential_coefficient * (self.law.exponent + 1) * self.exponent
+        hardness = self.law.elastic.potential_coefficient * (self.exponent + 1) * self.exponent
         slope = hardness * np.maximum(self.s + np.maximum(step, 0.0), 0.0) ** (self.exponent - 1)
         slope = slope * (1.0 + self.loss_rate * depth) + self.loss_rate * np.abs(force)
         rounding = 1e-16 * (np.abs(force) + slope * depth)

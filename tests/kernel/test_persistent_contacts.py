@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from later import import_later
+from worst_case_solves import lossy_law
 
 from engine.assembly.initial_state import allocate_scratch
 from engine.compiler.decorators import kernel
-from engine.kernel.contact.contact_law import LossyLaw
 from engine.kernel.contact.coupled_contact_solver import CoupledProblem
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
-from engine.kernel.data import laws
 from engine.kernel.data.enums import Row
 from engine.kernel.data.state import Scratch
 
@@ -17,8 +16,8 @@ mpmath = import_later("mpmath")
 
 
 @kernel
-def solve(law, loss_rate, compliance, s, g, scratch):
-    return solve_persistent(CoupledProblem(LossyLaw(law, loss_rate, None), compliance, s, g, 1e-15, scratch))
+def solve(law, compliance, s, g, scratch):
+    return solve_persistent(CoupledProblem(law, compliance, s, g, 1e-15, scratch))
 
 
 def mean_force(stiffness: float, alpha: float, rate: float, s: float, eta: float) -> float:
@@ -30,7 +29,7 @@ def mean_force(stiffness: float, alpha: float, rate: float, s: float, eta: float
 
 
 def chosen(seed: int, stretch: float = 0.4):
-    """One to four closed contacts, two open ones, and the solution: (law, loss rate, B, s, g), η, f."""
+    """One to four closed contacts, two open ones, and the solution: (law, B, s, g), η, f."""
     rng = np.random.default_rng(seed)
     closed = int(rng.integers(1, 5))
     n = closed + 2
@@ -44,12 +43,12 @@ def chosen(seed: int, stretch: float = 0.4):
     shapes = rng.normal(size=(n, 4)) * np.sqrt(10 ** rng.uniform(-12, -7))
     compliance = shapes @ shapes.T
     g = eta + compliance @ force
-    return (laws.Power(stiffness / (alpha + 1), alpha), rate, compliance, s, g), eta, force
+    return (lossy_law(stiffness / (alpha + 1), alpha, rate), compliance, s, g), eta, force
 
 
-def solved(law, rate, compliance, s, g):
+def solved(law, compliance, s, g):
     scratch = Scratch(*(x[0] for x in allocate_scratch(1, s.size)))
-    return solve(law, rate, compliance.ravel(), s, g, scratch), scratch.vectors[:, : s.size]
+    return solve(law, compliance.ravel(), s, g, scratch), scratch.vectors[:, : s.size]
 
 
 @pytest.mark.hard
@@ -58,7 +57,7 @@ def test_the_equations_hold():
     found = 0
     for seed in range(400):
         problem, eta, force = chosen(seed)
-        law, rate, compliance, s, g = problem
+        law, compliance, s, g = problem
         rounds, vectors = solved(*problem)
         found += rounds > 0
         if rounds > 0:
@@ -66,14 +65,16 @@ def test_the_equations_hold():
             size = np.abs(g) + np.abs(compliance) @ force
             np.testing.assert_array_less(np.abs(step + compliance @ pushes - g), 1e-14 * size)
             closed = s > 0
-            stiffness = law.potential_coefficient * (law.exponent + 1)
-            of_law = [mean_force(*of) for of in zip(stiffness, law.exponent, rate, s, step, strict=True) if of[3] > 0]
+            alpha = law.elastic.exponent
+            stiffness = law.elastic.potential_coefficient * (alpha + 1)
+            of_laws = zip(stiffness, alpha, law.loss_rate, s, step, strict=True)
+            of_law = [mean_force(*of) for of in of_laws if of[3] > 0]
             np.testing.assert_allclose(pushes[closed], of_law, rtol=2e-14)
             assert not pushes[~closed].any()
             np.testing.assert_allclose(vectors[Row.END], s + step, rtol=1e-15)
             np.testing.assert_allclose(
                 vectors[Row.END_FORCE][closed],
-                (stiffness * np.maximum(s + step, 0.0) ** law.exponent)[closed],
+                (stiffness * np.maximum(s + step, 0.0) ** alpha)[closed],
                 rtol=1e-7,
             )
             if size.max() < 1e3 * np.abs(s[closed]).min():  # well conditioned
@@ -94,7 +95,7 @@ def test_what_is_found_is_on_the_law_whatever_is_given():
         g = s * 10 ** rng.uniform(-9, 2, n) * rng.choice([-1, 1], n)
         shapes = rng.normal(size=(n, 3)) * np.sqrt(10 ** rng.uniform(-14, 3))
         compliance = shapes @ shapes.T
-        rounds, vectors = solved(laws.Power(stiffness / (alpha + 1), alpha), rate, compliance, s, g)
+        rounds, vectors = solved(lossy_law(stiffness / (alpha + 1), alpha, rate), compliance, s, g)
         if rounds > 0:
             found += 1
             step, pushes = vectors[Row.STEP], vectors[Row.FORCE]
@@ -115,11 +116,11 @@ def test_few_rounds_where_contacts_rest():
 
 @pytest.mark.parametrize("fate", ["another closes", "one lets go", "one is pulled away faster than its loss pushes"])
 def test_all_else_is_left_to_the_general_solve(fate):
-    (law, rate, compliance, s, g), _, _ = chosen(5)
+    (law, compliance, s, g), _, _ = chosen(5)
     if fate == "another closes":
         s[-1], g[-1] = -1e-9, 1e-3
     elif fate == "one lets go":
         g[0] = -2.0 * s[0]
     else:
-        rate[0], g[0] = 10.0 / s[0], -0.2 * s[0]
-    assert solved(law, rate, compliance, s, g)[0] == 0
+        law.loss_rate[0], g[0] = 10.0 / s[0], -0.2 * s[0]
+    assert solved(law, compliance, s, g)[0] == 0

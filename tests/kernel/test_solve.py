@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from conftest import mostly_hard
 from later import import_later
-from worst_case_solves import EXPONENTS, exact_force, worst_case_solves
+from worst_case_solves import EXPONENTS, exact_force, lossy_law, worst_case_solves
 
 from engine.compiler.decorators import kernel
-from engine.kernel.contact import contact_law
-from engine.kernel.data import laws
+from engine.kernel.contact import power_law
 from engine.kernel.data.enums import SolveStatus
 
 mpmath = import_later("mpmath")
@@ -16,15 +15,15 @@ mpmath = import_later("mpmath")
 
 @kernel
 def gradient(law, s, b):
-    start = contact_law.StepStart(s, contact_law.power(law, 0, s) if s > 0.0 else 0.0)
-    return contact_law.discrete_gradient(law, 0, start, b, b - s)
+    start = power_law.StepStart(s, power_law.power(law, 0, s) if s > 0.0 else 0.0)
+    return power_law.discrete_gradient(law, 0, start, b, b - s)
 
 
 @pytest.mark.hard_for("2.0", "1.0", "3.0", "1.3", "1.5", "2.5")
 @pytest.mark.parametrize("alpha", EXPONENTS)
 def test_gradient_of_the_potential(alpha):
     """(V(b) - V(s))/(b - s) to 2e-15, however close or far s and b."""
-    law = laws.select_law(np.array([alpha]))(np.array([1.0]), np.array([alpha]))
+    law = lossy_law(1.0, alpha).elastic
     rng = np.random.default_rng(2)
     with mpmath.workdps(60):
         for _ in range(200):

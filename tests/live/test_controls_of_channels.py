@@ -14,6 +14,7 @@ import engine
 from engine.live.controls import Controls
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi import RENDER_GAIN, lowest_ratio, render_notes
+from engine.live.midi_parts import Excerpt
 from engine.live.midi_port import MidiPort
 from engine.live.player import Player
 from engine.live.shared_memory import Slot
@@ -78,7 +79,7 @@ CASES = {  # what is told, and the stiffness of each channel's felt
 def test_each_voice_has_the_value_of_its_channel(case, tmp_path):
     told, wanted = CASES[case]
     path = save([*told, (19_200, off(60))], tmp_path)
-    played = render_notes(controlled(FELT), path, RATE, 0.5, VOICES)
+    played = render_notes(controlled(FELT), path, RATE, Excerpt(seconds=0.5), VOICES)
     found = stiffness_by_channel(played.player, played.keys)
     assert found == {channel: pytest.approx(value) for channel, value in wanted.items()}
     assert played.player.meter()["energy_error"] <= 1e-12
@@ -90,7 +91,7 @@ def test_a_member_s_pressure_ends_with_its_notes(tmp_path):
     told = [*zone, (0, on(60, channel=2)), (4800, pressed(127, 2)), (9600, off(60, channel=2))]
     told += [(9600 + 480 * n, on(61 + n, channel=3)) for n in range(VOICES)]
     played = render_notes(
-        controlled(PRESSURE), save([*told, (19_200, off(61, channel=3))], tmp_path), RATE, 0.5, VOICES
+        controlled(PRESSURE), save([*told, (19_200, off(61, channel=3))], tmp_path), RATE, Excerpt(seconds=0.5), VOICES
     )
     assert all(voice.key and voice.key.channels.channel == 3 for voice in played.keys._voices)
     np.testing.assert_allclose(played.player.state.potential_coefficient * 3.5, OF_PATCH)
@@ -137,7 +138,7 @@ def draw(seed: int) -> list[tuple[int, bytes]]:
 def test_a_port_told_at_its_frames_gives_the_samples_of_the_file(seed, smoothing, tmp_path, monkeypatch):
     scene, told, frames = controlled(FELT | {"smoothing": smoothing}, channels="apart"), draw(seed), 28_800
     path = save(told, tmp_path)
-    rendered = render_notes(scene, path, RATE, frames / RATE, VOICES)
+    rendered = render_notes(scene, path, RATE, Excerpt(seconds=frames / RATE), VOICES)
     lowest = lowest_ratio(path, scene)
     player = Player(scene, RATE, math.inf, RENDER_GAIN, voices=VOICES, lowest=lowest)
     player.counters[Slot.FADE_IN_FRAMES] = 0

@@ -17,7 +17,7 @@ import pytest
 import soundfile
 from conftest import ROOT, mostly_hard, needs_alsa, needs_portaudio
 from test_drivers import run
-from test_live import waited
+from test_hot_reload import waited
 from test_osc_commands import GUITAR, level
 
 import engine

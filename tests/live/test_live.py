@@ -1,10 +1,8 @@
 """Live sound: the compiled callback gives the offline samples at any block size; what was played can be replayed."""
 
-import argparse
 import ctypes
 import json
 import math
-import time
 
 import numpy as np
 import pytest
@@ -13,11 +11,9 @@ from numba import typeof
 
 import engine
 from engine.assembly.build import build
-from engine.cli.live_session import WATCH_INTERVAL, PlayerFactory
 from engine.kernel.data.enums import Sleep
 from engine.live import audio_thread, kernels
 from engine.live.audio_memory import coarser_models
-from engine.live.hot_reload import PatchWatcher
 from engine.live.player import Player
 from engine.live.replay import replay
 from engine.live.shared_memory import Gauge, Slot
@@ -249,95 +245,6 @@ def test_quality_steps_down_before_the_sound_breaks_and_up_again(voices):
     assert now["quality_steps"] == 9 and now["energy_error"] <= 1e-12
     again = replay(json.loads(json.dumps(player.log())))
     np.testing.assert_array_equal(again, np.concatenate([calm, rough, better]))
-
-
-def waited(watch: PatchWatcher, frames: int = 0) -> list[str]:
-    """What a watch says, once it has something to say."""
-    begin = time.monotonic()
-    while time.monotonic() - begin < 60.0:
-        if said := watch.poll():
-            return said
-        time.sleep(0.02)
-    raise AssertionError("nothing was said")
-
-
-def test_what_is_saved_is_heard(tmp_path):
-    """A value glides; a changed structure takes over within 20 ms, without a step; faults leave the old sound."""
-    path = tmp_path / "patch.toml"
-    text = PIANO.read_text("utf-8")
-    path.write_text(text, "utf-8")
-    scene = engine.load(path)
-    player = Player(scene, gain=0.05, seconds=math.inf)
-    watch = PatchWatcher(path, scene, player, lambda new: Player(new, gain=0.05, seconds=math.inf))
-    sizes = np.array([256])
-    called(player, 4096, sizes)
-    assert watch.poll() == []
-    path.write_text(text.replace("stiffness = 4.5e9", "stiffness = 9.0e9"), "utf-8")
-    assert waited(watch) == ["contact.felt.stiffness → 9e+09"]
-    path.write_text(text.replace("stiffness = 4.5e9", "stifness = 9e9"), "utf-8")
-    said = waited(watch)
-    assert 'did you mean "stiffness"?' in said[0] and said[-1] == "the previous version keeps playing"
-    called(player, 4096, sizes)
-    assert watch.player is player and player.state.potential_coefficient[0] == pytest.approx(9e9 / 3.5)
-    path.write_text(text.replace("exponent = 2.5", "exponent = 2.4"), "utf-8")
-    assert waited(watch) == ["Piano, C4: switched to the new version"]
-    assert watch.player is not player
-    old, new = Player(scene, gain=0.05), watch.player
-    crossed = called(player, 4096, sizes)
-    assert player.counters[Slot.FINISHED] == 1 and not player.finished
-    assert new.frame == 4096
-    steps = np.abs(np.diff(crossed, axis=0)).max()
-    assert steps <= 2 * np.abs(np.diff(called(old, 8192, sizes), axis=0)).max()
-    np.testing.assert_array_equal(player.fetch_recording()[-4096:], crossed)
-    new.stop()
-    called(player, 4096, sizes)
-    assert player.finished
-
-
-def test_a_file_that_is_half_written_is_no_fault(tmp_path):
-    """An editor may empty a file before it writes it; what stays wrong is said, once."""
-    path = tmp_path / "patch.toml"
-    text = PIANO.read_text("utf-8")
-    path.write_text(text, "utf-8")
-    scene = engine.load(path)
-    player = Player(scene, gain=0.05, seconds=math.inf)
-    watch = PatchWatcher(path, scene, player, lambda new: Player(new, gain=0.05, seconds=math.inf))
-    for half in ("", text[:200]):
-        path.write_text(half, "utf-8")
-        assert watch.poll() == []
-        path.write_text(text, "utf-8")
-        assert watch.poll() == []
-    path.write_text("", "utf-8")
-    said = [watch.poll() for _ in range(4)]
-    assert [bool(messages) for messages in said] == [False, True, False, False]
-    assert said[1][-1] == "the previous version keeps playing"
-
-
-@pytest.mark.hard
-def test_an_edit_of_the_structure_is_heard_within_0_3_s(tmp_path):
-    """The least of four edits that each call for other effects: the machine may be busy with something else."""
-    path = tmp_path / "patch.toml"
-    text = PIANO.read_text("utf-8")
-    path.write_text(text, "utf-8")
-    scene = engine.load(path)
-    asked = argparse.Namespace(
-        cores=None, seconds=None, midi=None, osc=None, voices=None, watch=True, block_size=256, event_log=None
-    )
-    asked.kernel, asked.json, asked.ignore_speed = None, True, True
-    asked.gain, asked.accuracy = -20.0, {}
-    factory = PlayerFactory(asked, 44_100, 2)
-    watch = PatchWatcher(path, scene, factory.make_player(scene), factory.make_quickly)
-    taken = []
-    for more in ("\ngravity = 9.81\n", "\n", "\ngravity = 1.0\n", "\n\n"):
-        before = watch.player
-        title, rest = text.split("\n[[", 1)
-        path.write_text(f"{title}{more}[[{rest}", "utf-8")
-        begin = time.monotonic()
-        while watch.player is before and time.monotonic() - begin < 60.0:
-            watch.poll()
-            time.sleep(WATCH_INTERVAL)
-        taken.append(time.monotonic() - begin)
-    assert min(taken) <= 0.3, taken
 
 
 def test_other_channels_cannot_take_over():

@@ -14,6 +14,7 @@ from engine.live.channel_levels import ChannelLevels, Gain
 from engine.live.instrument_notes import scene_of_file
 from engine.live.level_player import LevelPlayer
 from engine.live.midi import MidiFilePlayer, lowest_ratio, read_for, render_notes
+from engine.live.midi_parts import Excerpt
 from engine.live.player import Player
 from engine.live.replay import replay
 from engine.live.shared_memory import Slot
@@ -77,7 +78,7 @@ def test_keys_have_the_levels_of_a_rendering(tmp_path, channels, block):
 @pytest.mark.hard
 def test_voices_have_the_levels_of_a_rendering(tmp_path):
     scene, path = engine.load(ROOT / "patches" / "piano_c4.toml"), str(save(tmp_path))
-    rendered = render_notes(scene, path, RATE, FRAMES / RATE, 2)
+    rendered = render_notes(scene, path, RATE, Excerpt(seconds=FRAMES / RATE), 2)
     player = Player(scene, RATE, math.inf, GAIN, voices=2, lowest=lowest_ratio(path, scene))
     notes = MidiFilePlayer(VoiceAllocator(player), read_for(scene, path))
     levels = LevelPlayer(levels_of_file(notes.file), player, 0.0, player.channels)

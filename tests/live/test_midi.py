@@ -16,6 +16,7 @@ from engine.cli import main
 from engine.instrument.key_names import note_frequency, note_name
 from engine.live import midi, midi_files, midi_notes, voice_allocator
 from engine.live.controls import Controls
+from engine.live.midi_parts import Excerpt
 from engine.live.midi_port import MidiPort
 from engine.live.player import Player
 
@@ -46,7 +47,7 @@ def pedal(value):
 
 def test_notes_have_their_pitch_and_time(tmp_path):
     path = written(tmp_path / "two.mid", (on(57), 0), (off(57), 960), (on(64, 90), 480), (off(64), 960))
-    audio, player, voices, *_ = midi.render_notes(engine.load(PIANO), str(path), RATE, None, 4)
+    audio, player, voices, *_ = midi.render_notes(engine.load(PIANO), str(path), RATE, Excerpt(), 4)
     played = voices.played_notes()
     assert len(audio) == round((2.5 + midi.TAIL_SECONDS) * RATE)
     assert played == {"string": "A3 (-300 c), E4 (+400 c)"}
@@ -91,7 +92,7 @@ def test_a_note_sounds_one_body(tmp_path, note, change, cents):
     the other bars' fundamentals stay below -40 dB."""
     path = written(tmp_path / "one.mid", (on(note), 0), (off(note), 1920))
     marimba = change(engine.load(ROOT / "patches" / "marimba.toml"))
-    audio, _, voices, *_ = midi.render_notes(marimba, str(path), RATE, 1.2, 2)
+    audio, _, voices, *_ = midi.render_notes(marimba, str(path), RATE, Excerpt(seconds=1.2), 2)
     played = voices.played_notes()
     mono = audio.sum(axis=1)
     pitch, loud = fundamental(mono, note_frequency(note))
@@ -120,7 +121,7 @@ def test_plucked_bodies_sound_too(tmp_path):
         peaks = []
         for velocity in (40, 80):
             path = written(tmp_path / "one.mid", (on(note, velocity), 0), (off(note), 1920))
-            audio, _, voices, *_ = midi.render_notes(harp, str(path), RATE, 1.2, 2)
+            audio, _, voices, *_ = midi.render_notes(harp, str(path), RATE, Excerpt(seconds=1.2), 2)
             played = voices.played_notes()
             pitch, _ = fundamental(audio[:, 0], note_frequency(note))
             assert abs(1200 * math.log2(pitch / note_frequency(note))) < 1.0
@@ -134,7 +135,7 @@ def test_a_key_lifts_its_damper(tmp_path):
     again = written(tmp_path / "again.mid", (on(60), 0), (off(60), 480), (on(60), 96), (off(60), 1920))
     once = written(tmp_path / "once.mid", (on(60), 0), (off(60), 1920))
     sounds = [
-        midi.render_notes(engine.load(PIANO), str(path), RATE, seconds, 1)[0]
+        midi.render_notes(engine.load(PIANO), str(path), RATE, Excerpt(seconds=seconds), 1)[0]
         for path, seconds in ((again, 1.5), (once, 0.9))
     ]
     late = [float(np.sqrt(np.mean(audio[-round(0.4 * RATE) :] ** 2))) for audio in sounds]
@@ -145,7 +146,7 @@ def test_harder_is_louder(tmp_path):
     peaks = []
     for velocity in (30, 60, 120):
         path = written(tmp_path / "one.mid", (on(60, velocity), 0), (off(60), 480))
-        peaks.append(np.abs(midi.render_notes(engine.load(PIANO), str(path), RATE, 0.5, 1)[0]).max())
+        peaks.append(np.abs(midi.render_notes(engine.load(PIANO), str(path), RATE, Excerpt(seconds=0.5), 1)[0]).max())
     assert peaks[0] < 0.6 * peaks[1] < 0.36 * peaks[2]
 
 
@@ -153,7 +154,9 @@ def test_dampers_and_the_pedal(tmp_path):
     """A key let go is damped, unless the pedal is down; then when the pedal is let go."""
 
     def level(name, *messages):
-        audio, *_ = midi.render_notes(engine.load(PIANO), str(written(tmp_path / name, *messages)), RATE, 3.0, 2)
+        audio, *_ = midi.render_notes(
+            engine.load(PIANO), str(written(tmp_path / name, *messages)), RATE, Excerpt(seconds=3.0), 2
+        )
         return [float(np.sqrt(np.mean(audio[round(t * RATE) :][: RATE // 5] ** 2))) for t in (0.3, 1.2, 2.5)]
 
     held = level("held.mid", (on(60), 0), (off(60), 5000))
@@ -168,7 +171,9 @@ def test_the_sostenuto_pedal_keeps_voices_whose_keys_were_down(tmp_path):
     """A key that is pressed after the pedal is damped when it is let go."""
 
     def level(name, *messages):
-        audio, *_ = midi.render_notes(engine.load(PIANO), str(written(tmp_path / name, *messages)), RATE, 2.0, 2)
+        audio, *_ = midi.render_notes(
+            engine.load(PIANO), str(written(tmp_path / name, *messages)), RATE, Excerpt(seconds=2.0), 2
+        )
         return float(np.sqrt(np.mean(audio[-RATE // 5 :] ** 2)))
 
     def sostenuto(value):

@@ -1,83 +1,21 @@
 """What the messages of a channel do in a file, at a port and in an MPE zone: heard as pitch, level and length."""
 
-import math
-
-import mido
-import numpy as np
 import pytest
-import soundfile
-from conftest import ROOT
+from bars import A3, ENDED, HELD, TAIL, VOICE, cents, level, rendered, write_bars
 from smf import cc, lengths, off, on, read, rpn, smf, track, wheel
 
 import engine
-from engine.cli import main
-from engine.instrument.key_names import note_frequency
-from engine.live.controls import Controls
 from engine.live.instrument_notes import scene_of_file
-from engine.live.key_allocator import KeyAllocator, live_scene
-from engine.live.midi import render_notes
 from engine.live.midi_files import delay_pedals
 from engine.live.midi_notes import Note
-from engine.live.midi_port import MidiPort
-from engine.live.player import Player
-from engine.live.voice_allocator import VoiceAllocator
 from engine.patch.control_tables import Midi
 
-RATE, TICK = 44_100, 1 / 960
-BARS = """
-keyboard = { keys = "C3..C6" }
-[key]
-body = [{ name = "bar", kind = "oscillator", mass = 1e-3, frequency = "= f", damping_rate = 0.5 }]
-on = [{ kind = "pluck", body = "bar", amplitude = "= v", duration = 1e-3 }]
-damper = [{ body = "bar", sigma = 40.0 }]
-pickup = [{ body = "bar" }]
-"""
-VOICE = str(ROOT / "patches" / "piano_c4.toml")
-HELD, ENDED = -25.0, -45.0  # dB, of the level at the begin: above, a note sounds on; below, it has ended
-TAIL = [(1920, on(84, 1)), (480, off(84))]  # so that the file goes on
-
-
-@pytest.fixture
-def bars(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "bars.toml").write_text(BARS, "utf-8")
-    return "bars.toml"
-
-
-def rendered(patch, data, folder, midi=None, seconds=3.0):
-    """The sound of a file, by keys or by voices, in SI units."""
-    (folder / "x.mid").write_bytes(data)
-    scene = engine.load(patch)
-    scene = scene.model_copy(update={"midi": midi or Midi(shortest_lift=0.0)})
-    if scene.instrument is None:
-        return render_notes(scene, str(folder / "x.mid"), RATE, seconds, 6).audio[:, 0].astype(float)
-    return engine.render(scene_of_file(scene, folder / "x.mid").scene, seconds=seconds, samplerate=RATE).audio[:, 0]
-
-
-def cents(sound, key, width=7):
-    """How far the strongest partial within so many semitones of a key is from it, from 0.1 to 0.5 s."""
-    part = sound[RATE // 10 : RATE // 2]
-    spectrum = np.abs(np.fft.rfft(part * np.hanning(len(part)), 1 << 18))
-    hertz = np.fft.rfftfreq(1 << 18, 1 / RATE)
-    near = (hertz > note_frequency(key) * 2 ** (-width / 12)) & (hertz < note_frequency(key) * 2 ** (width / 12))
-    return 1200 * math.log2(hertz[near][np.argmax(spectrum[near])] / note_frequency(key))
-
-
-def level(sound, key, at):
-    """The level of the partial at a key a tenth of a second from a time on, dB of that of the first tenth."""
-
-    def amplitude(begin):
-        part = sound[round(begin * RATE) :][: RATE // 10]
-        turns = np.exp(-2j * np.pi * note_frequency(key) * np.arange(len(part)) / RATE)
-        return abs(np.sum(part * np.hanning(len(part)) * turns)) + 1e-300
-
-    return 20 * math.log10(amplitude(at) / amplitude(0.02))
+bars = pytest.fixture(write_bars)
 
 
 # --- pitch
 
 NRPN = [(0, cc(99, 1)), (0, cc(98, 32))]
-A3 = [(10, on(57)), (960, off(57))]
 PITCHES = {  # cents of A3
     "an NRPN after the range": (100, track(*rpn(0, (6, 2)), *NRPN, (0, cc(6, 10)), (0, wheel(4096)), *A3)),
     "an NRPN before the range": (250, track(*NRPN, (0, cc(6, 10)), *rpn(0, (6, 5)), (0, wheel(4096)), *A3)),
@@ -325,83 +263,6 @@ def _saved(folder, data):
     return folder / "x.mid"
 
 
-# --- ports
-
-
-class Port:
-    """A port, whose messages are taken at once, and what plays them."""
-
-    def __init__(self, patch, monkeypatch, **midi):
-        scene = engine.load(patch).model_copy(update={"midi": Midi(**midi)})
-        if scene.instrument is None:
-            self.player = Player(scene, RATE, math.inf, 0.02, voices=6, lowest=0.25)
-            self.keys = VoiceAllocator(self.player)
-        else:
-            self.player = Player(live_scene(scene, [57, 63]), RATE, math.inf, 1e-3, waiting=True)
-            self.keys = KeyAllocator(self.player)
-        monkeypatch.setattr("engine.live.midi_port.open_port", mido.ports.EchoPort)
-        self.port = MidiPort("Keys", lambda: self.keys, Controls(scene, self.player))
-        self.hear(0.1)
-
-    def send(self, *messages):
-        for message in messages:
-            self.port._port.send(mido.Message.from_bytes(message))
-            self.port.poll()
-        self.keys.poll()
-
-    def hear(self, seconds):
-        out = np.zeros((round(seconds * RATE), self.player.channels), np.float32)
-        self.player.render_into(out)
-        return out.sum(axis=1).astype(float)
-
-
-SETTINGS = {  # whether the wheel and the pedal of channel 1 act on a note of channel 2, too
-    "auto": False,
-    "apart": False,
-    "together": True,
-}
-
-
-@pytest.mark.parametrize("patch", ["bars", "voices"])
-@pytest.mark.parametrize("setting", SETTINGS)
-def test_at_a_port_the_setting_says_whose_notes_a_message_is_for(bars, monkeypatch, setting, patch):
-    port = Port(bars if patch == "bars" else VOICE, monkeypatch, channels=setting)
-    port.send(on(57), on(63, channel=2), wheel(8191), cc(64, 127))
-    sound = port.hear(0.5)
-    assert cents(sound, 57, 3) == pytest.approx(200, abs=4.0)
-    assert cents(sound, 63, 3) == pytest.approx(200 if SETTINGS[setting] else 0, abs=4.0)
-    port.send(wheel(0), off(57), off(63, channel=2))
-    sound = np.concatenate([sound, port.hear(1.0)])
-    held = np.abs(np.fft.rfft(sound[-RATE // 2 :] * np.hanning(RATE // 2)))
-    near = [held[round(note_frequency(key) / 2) - 4 : round(note_frequency(key) / 2) + 5].max() for key in (57, 63)]
-    assert (near[1] > 0.05 * near[0]) == SETTINGS[setting]
-
-
-def test_one_channel_that_plays_has_the_wheel_of_any(bars, monkeypatch):
-    """A wheel, or a pedal board, on a channel of its own, until notes come on a second one."""
-    port = Port(bars, monkeypatch)
-    port.send(wheel(8191, 5), on(57))
-    assert cents(port.hear(0.5), 57) == pytest.approx(200, abs=2.0)
-    port.send(on(63, channel=2))
-    sound = port.hear(0.5)
-    assert cents(sound, 57, 3) == pytest.approx(0, abs=2.0) and cents(sound, 63, 3) == pytest.approx(0, abs=2.0)
-
-
-@pytest.mark.parametrize("patch", ["bars", "voices"])
-def test_at_a_port_a_key_is_held_as_often_as_it_was_pressed(bars, monkeypatch, patch):
-    port = Port(bars if patch == "bars" else VOICE, monkeypatch)
-    port.send(on(57), on(57), off(57))
-    first = np.abs(port.hear(0.5)[-4410:]).max()
-    port.send(off(57))
-    assert np.abs(port.hear(0.5)[-4410:]).max() < 0.05 * first
-
-
-def test_at_a_port_tunings_are_heard(bars, monkeypatch):
-    port = Port(bars, monkeypatch)
-    port.send(*(data for _, data in rpn(2, (6, 66))), *(data for _, data in rpn(1, (6, 96))), on(57))
-    assert cents(port.hear(0.5), 57) == pytest.approx(250, abs=2.0)
-
-
 # --- pedals of scores
 
 
@@ -451,69 +312,3 @@ def test_a_lift_is_as_long_as_the_shortest(name):
     made = [(round(note.seconds, 6), note.value) for note in delay_pedals(pedals(*moves), 0.1)]
     assert made == expected
     assert delay_pedals(pedals(*moves), 0.0) == pedals(*moves)
-
-
-# --- volume, expression, pan
-
-
-def heard(bars, folder, *words, data):
-    """The sound file of a rendering in SI units."""
-    (folder / "x.mid").write_bytes(data)
-    command = ["render", bars, "--midi", "x.mid", "--gain", "0", "--subtype", "DOUBLE", "-o", "x.wav", "--seconds", "1"]
-    assert main.main([*command, *words]) == 0
-    return soundfile.read("x.wav", always_2d=True)[0]
-
-
-def decibels(sound, other):
-    return 20 * math.log10(np.abs(sound).max() / np.abs(other).max())
-
-
-@pytest.mark.parametrize(("control", "value"), [(7, 127), (7, 100), (7, 32), (7, 1), (11, 64), (11, 127), (11, 10)])
-def test_volume_and_expression_have_the_curve_of_general_midi(bars, tmp_path, capsys, control, value):
-    """40 log10(value/127) dB, where the other one is full."""
-    plain = heard(bars, tmp_path, data=smf(track(*A3)))
-    sound = heard(bars, tmp_path, data=smf(track((0, cc(control, value)), *A3)))
-    assert decibels(sound, plain) == pytest.approx(40 * math.log10(value / 127), abs=1e-6)
-    assert "were ignored" not in capsys.readouterr().err
-
-
-def test_volume_0_is_silence_and_a_fade_has_no_step(bars, tmp_path):
-    assert not heard(bars, tmp_path, data=smf(track((0, cc(7, 0)), *A3))).any()
-    fade = [(0, on(57)), *((24, cc(7, 127 - 4 * n)) for n in range(30)), (240, off(57))]
-    plain, sound = (heard(bars, tmp_path, data=smf(track(*part))) for part in ([fade[0], (960, off(57))], fade))
-    assert 20 * math.log10(np.abs(sound[-8820:]).max() / np.abs(plain[-8820:]).max()) < -40.0
-    assert np.abs(np.diff(sound, axis=0)).max() <= 1.05 * np.abs(np.diff(plain, axis=0)).max()
-
-
-def test_parts_of_a_mix_have_their_volumes(bars, tmp_path):
-    """A channel without a volume has 100, as in General MIDI."""
-    part = [(0, on(57)), (0, on(64, channel=2)), (960, off(57)), (0, off(64, channel=2))]
-    plain = heard(bars, tmp_path, "--play", "2=bars.toml", data=smf(track(*part)))
-    mix = heard(bars, tmp_path, "--play", "2=bars.toml", data=smf(track((0, cc(7, 64)), *part)))
-    first, second = (heard(bars, tmp_path, "--channels", n, data=smf(track(*part))) for n in "12")
-    np.testing.assert_allclose(plain, first + second, atol=1e-15)
-    np.testing.assert_allclose(mix, first * (64 / 127) ** 2 + second * (100 / 127) ** 2, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("value", "left", "right"), [(0, 1, 0), (1, 1, 0), (64, 0.5, 0.5), (127, 0, 1), (32, 0.86, 0.14)]
-)
-def test_a_part_of_a_mix_is_panned_with_equal_power(bars, tmp_path, value, left, right):
-    part = [(0, on(57)), (0, on(64, channel=2)), (960, off(57)), (0, off(64, channel=2))]
-    mix = heard(bars, tmp_path, "--play", "2=bars.toml", data=smf(track((0, cc(10, value)), (0, cc(10, 0, 2)), *part)))
-    assert mix.shape[1] == 2
-    alone = heard(bars, tmp_path, "--channels", "1", data=smf(track(*part)))[:, 0]
-    turns = np.exp(-2j * np.pi * note_frequency(57) * np.arange(len(mix)) / RATE) * np.hanning(len(mix))
-    powers = [abs(np.sum(mix[:, n] * turns)) ** 2 / abs(np.sum(alone * turns)) ** 2 / 2 for n in (0, 1)]
-    assert powers == pytest.approx([left, right], abs=0.01)
-
-
-def test_channels_of_one_sound_with_different_volumes_are_named(bars, tmp_path, capsys):
-    part = [(0, cc(7, 64)), (0, cc(7, 90, 2)), (0, on(57)), (0, on(64, channel=2)), (960, off(57))]
-    heard(bars, tmp_path, data=smf(track(*part)))
-    said = capsys.readouterr().err
-    assert "channels 1, 2 have different volumes or pans, which one sound cannot follow" in said
-    assert "controller 7 (2)" in said
-    same = [(0, cc(7, 64)), (0, cc(7, 64, 2)), *part[2:]]
-    plain, sound = (heard(bars, tmp_path, data=smf(track(*one))) for one in (part[2:], same))
-    np.testing.assert_allclose(sound, plain * (64 / 127) ** 2, atol=1e-15)

@@ -50,7 +50,6 @@ body = "rod"
 def rods(tmp_path, monkeypatch):
     """A patch with a keyboard, in the folder that the test is in."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("FDH_KERNEL", "general")
     (tmp_path / "rods.toml").write_text(RODS, "utf-8")
     return "rods.toml"
 

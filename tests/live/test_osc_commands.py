@@ -16,7 +16,7 @@ import time
 import numpy as np
 import pytest
 from conftest import ROOT, needs_alsa, needs_portaudio
-from test_controls import packet, sent, waited
+from test_osc import packet, sent, waited
 
 import engine
 from engine.cli.live_session import PlayerFactory

@@ -10,7 +10,7 @@ from functools import reduce
 
 import numpy as np
 import pytest
-from test_controls import packet, sent, waited
+from test_osc import packet, sent, waited
 from test_osc_commands import GUITAR, Session
 
 import engine
@@ -143,7 +143,12 @@ def test_noise_neither_stops_nor_slows_what_comes_after_it(start, count):
     def measure(data: bytes) -> None:
         begin = time.thread_time()
         take(data)
-        seconds.append(time.thread_time() - begin)
+        once = time.thread_time() - begin
+        if once >= 0.05:  # by the packet, or by a collection of all that other tests left: once more says which
+            begin = time.thread_time()
+            take(data)
+            once = min(once, time.thread_time() - begin)
+        seconds.append(once)
 
     server._take = measure
     for n in range(50, count + 1, 50):

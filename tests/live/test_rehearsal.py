@@ -49,7 +49,7 @@ def struck_notes(log) -> list[float]:
 @needs_jack
 def test_a_rehearsal_loses_no_note_and_replays_to_the_same_bits(tmp_path, jack):  # noqa: F811
     environment, _ = jack
-    environment = environment | {"MIDO_BACKEND": "socket_midi", "FDH_TEST_MIDI": str(tmp_path), "FDH_BACKGROUND": "off"}
+    environment = environment | {"MIDO_BACKEND": "socket_midi", "FDH_TEST_MIDI": str(tmp_path)}
     environment = environment | {"PYTHONPATH": str(Path(__file__).parent)}
     name = os.environ.get("FDH_REHEARSAL_PATCH", "marimba_keys")
     patch, take, log = tmp_path / f"{name}.toml", tmp_path / "take.wav", tmp_path / "log.json"

@@ -14,6 +14,7 @@ import engine
 from engine.instrument.expansion import keys_of
 from engine.live.midi import render_notes
 from engine.live.midi_notes import Note
+from engine.live.midi_parts import Excerpt
 from engine.live.player import Player
 from engine.live.replay import replay
 from engine.live.voice_allocator import VoiceAllocator
@@ -295,7 +296,7 @@ def test_plucks_that_are_repeated_sound_each_time(name: str, gap: float, tmp_pat
         messages += [Message(begin, "on", key, 90), Message(begin + step * 7 // 8, "off", key, 64)]
     save_messages(messages, tmp_path / "repeated.mid")
     seconds = 0.2 + 6 * gap
-    audio = render_notes(scene, str(tmp_path / "repeated.mid"), RATE, seconds, 8).audio
+    audio = render_notes(scene, str(tmp_path / "repeated.mid"), RATE, Excerpt(seconds=seconds), 8).audio
     begins = [RATE // 5 + n * step for n in range(6)]
     levels = [10.0 * np.log10(np.mean(audio[begin : begin + int(0.8 * step)] ** 2)) for begin in begins]
     assert max(levels[1:]) - min(levels[1:]) < 6.0, levels

@@ -416,7 +416,7 @@ def test_mutated_patches_are_refused_or_render(seed, tmp_path):
                 scene = engine.load(path)
                 outcomes["loaded"] += 1
                 rate = 44_100 * scene.accuracy.oversample
-                model, state, _ = build(scene, rate, variable_exponents=True, seconds=scene.seconds)
+                model, state, _ = build(scene, rate, seconds=scene.seconds)
         except (engine.PatchError, BuildError) as error:
             outcomes[type(error).__name__] += 1
             assert all(len(line) < 1000 for line in str(error).split("\n"))

@@ -202,7 +202,7 @@ def test_clipped_samples_are_counted(tmp_path, capsys, name, subtype):
     gain = said.split("--gain ")[1].split()[0]
     assert main.main([*words, "--gain", gain, "--json"]) == 0
     out, err = capsys.readouterr()
-    assert json.loads(out)["clipped"] == 0 and "clipped" not in err
+    assert json.loads(out)["clipped"] == 0 and "and clipped" not in err
     assert 0.98 < json.loads(out)["peak_file"] <= 1.0
 
 

@@ -16,7 +16,8 @@ from engine.instrument.expansion import OWN_TABLES, expand, is_instrument
 from engine.instrument.key_names import note_frequency, parse_key
 from engine.patch import json_schema, reference_page
 from engine.patch.bow import expand_bows
-from engine.patch.live_parameters import live_parameters
+from engine.patch.live_parameters import live_paths
+from engine.patch.named_values import fill_in_values
 from engine.patch.note_scene import scene_of_note
 from engine.patch.parameters import list_parameters
 
@@ -30,7 +31,7 @@ DIMENSIONLESS = {
     "pan", "poisson", "Note.velocity", "Note.release", "polyphony", "sustain", "soft", "sostenuto",
     "envelope", "velocity_envelope", "force_envelope", "static", "dynamic", "seed", "share", "polarisations",
     "range", "input", "ChangeEvent.value", "bend_range", "mpe_lower", "mpe_upper", "mpe_bend_range",
-    "Tremolo.depth", "spread",
+    "Tremolo.depth", "spread", "patch.values", "patch.vary",
 }  # fmt: skip
 PICKUP = {"body": "a"}
 MASS = {"name": "a", "kind": "mass", "mass": 1.0}
@@ -153,17 +154,20 @@ def test_params_lead_to_the_numbers_of_the_file(path):
     data = tomllib.loads(path.read_text("utf-8"))
     if is_instrument(data):  # as it is written out
         data = {name: table for name, table in expand(data).document.items() if name not in OWN_TABLES}
-    data, _ = expand_bows(data, False, {})
+    data, _ = expand_bows(fill_in_values(data)[0], False, {})
+    data.pop("vary", None)
     found = list_parameters(engine.load(path))
     given = {p: value for p in found if (value := follow(data, p.path.split("."))) is not None}
-    assert all(p.value == value and p.range for p, value in given.items())
+    named = {p for p in given if p.path.startswith("values.")}  # some of them have a unit
+    assert all((p.value == value or p in named) and p.range for p, value in given.items())
     assert all(p.live for p in found if p not in given)
-    assert len(given) == count(data) or is_instrument(tomllib.loads(path.read_text("utf-8")))  # whose zeros are written
+    data.pop("values", None)
+    assert len(given) - len(named) == count(data) or is_instrument(tomllib.loads(path.read_text("utf-8")))
     one_by_one = {
         p.path.rpartition(".")[0] for p in found
     }  # the numbers of a list, which move together while it sounds
     shaped = {f"contact.{t.get('name')}.barrier" for t in data.get("contact", ()) if {"frets", "bridge"} & set(t)}
-    assert {p.path for p in found if p.live} == set(live_parameters(engine.load(path))) - shaped - one_by_one
+    assert {p.path for p in found if p.live} == set(live_paths(engine.load(path))) - shaped - one_by_one
 
 
 def follow(node: object, steps: list[str]) -> object:
@@ -235,7 +239,7 @@ def test_new_overwrites_nothing_and_knows_its_templates(tmp_path, monkeypatch, c
     monkeypatch.chdir(tmp_path)
     assert main.main(["new", "a"]) == 0
     assert (
-        "written from the template hammer; other templates for --like: ball, bar, bridge, drum, fret, guitar, kalimba,"
+        "written from the template hammer; other templates for --like: ball, bar, bottle, bowl, bridge, chain, coin,"
         in capsys.readouterr().out
     )
     Path("a.toml").write_text("precious")
@@ -245,7 +249,7 @@ def test_new_overwrites_nothing_and_knows_its_templates(tmp_path, monkeypatch, c
     assert main.main(["new", "b", "--like", "hamer"]) == 2
     assert 'no template "hamer"; did you mean "hammer"? There are ball, bar,' in capsys.readouterr().err
     assert main.main(["new", "b", "--like", "theremin"]) == 2
-    assert 'no template "theremin"; ball, bar, bridge' in capsys.readouterr().err
+    assert 'no template "theremin"; ball, bar, bottle' in capsys.readouterr().err
     assert main.main(["new", "no/b"]) == 2
     assert "no such folder: no" in capsys.readouterr().err
     assert [p.name for p in tmp_path.iterdir()] == ["a.toml"]

@@ -9,6 +9,7 @@ import scipy
 
 import engine
 from engine.assembly.build import build
+from engine.kernel.data.effects import STRETCHING
 
 RATE, MODES = 44_100, 24
 LENGTH, DENSITY, F0, AXIAL = 0.648, 4e-4, 329.6, 5e4
@@ -106,7 +107,7 @@ def mean_slope(parts, reference, levels=(4, 8, 16), **accuracy):
 
 def has_tension(parts):
     pickup = [{"body": "string", "at": HEARD}]
-    return build(engine.Scene.model_validate({"pickup": pickup, **parts}), RATE).model.tension is not None
+    return build(engine.Scene.model_validate({"pickup": pickup, **parts}), RATE).model.effects & STRETCHING != 0
 
 
 def test_a_string_without_axial_stiffness_is_linear():

@@ -8,8 +8,9 @@ from conftest import exit_code
 
 import engine
 from engine.assembly.build import build
-from engine.assembly.table_changes import scored_tables
+from engine.assembly.scored_changes import scored_tables
 from engine.bodies import BODIES
+from engine.kernel.data.effects import STRETCHING
 from engine.offline import shape_snapshots
 from engine.offline.large_motion import LargeMotion, MotionRecord
 from engine.offline.shape_snapshots import ShapeSnapshots
@@ -166,7 +167,7 @@ def record(scene, recorders, **accuracy):
         assert renderer.every > 1 or not renderer.shapes
     if "motion" in recorders:
         renderer = MotionRecord(renderer, LargeMotion(model, state, layout))
-    if "stretching" in recorders and state.tension is not None:
+    if "stretching" in recorders and model.effects & STRETCHING:
         renderer = StretchingRecord(renderer, state, layout, 256)
     audio, begin = np.zeros((FRAMES, scene.channels)), 0
     for count in (0, *BLOCKS):

@@ -288,3 +288,33 @@ def test_a_rendering_saves_its_picture_for_paper(ball, tmp_path):
         ball.plot(style="papier")
     with pytest.raises(ValueError, match=r"end it in \.wav .* or in \.png, \.pdf or \.svg for the picture"):
         ball.save(tmp_path / "ball.jpg")
+
+
+def test_the_axis_of_the_waveform_names_what_is_registered(ball):
+    from matplotlib.figure import Figure
+
+    scene = engine.load("bouncing_ball")
+    rendering = engine.render(scene, seconds=0.3, trace=True)
+    axes = Figure().subplots()
+    plots.plot_waveform(axes, rendering)
+    assert axes.get_ylabel() == "velocity, m/s"
+    two = scene.replace({"pickup.0.gain": 2.0})
+    axes.clear()
+    plots.plot_waveform(axes, engine.render(two, seconds=0.3, trace=True))
+    assert axes.get_ylabel() == "output, SI units"
+
+
+@pytest.mark.parametrize("panels", [("waveform",), ("energies", "contact"), ("contact",), ("shape",)])
+def test_the_panels_that_are_named_are_drawn(ball, tmp_path, panels):
+    plots.plot_rendering(ball, "ball", tmp_path / "all.png")
+    plots.plot_rendering(ball, "ball", tmp_path / "some.png", panels=panels)
+    from matplotlib.image import imread
+
+    assert imread(tmp_path / "some.png").shape[0] < 0.7 * imread(tmp_path / "all.png").shape[0]
+
+
+def test_an_unknown_panel_is_refused(tmp_path, capsys):
+    from engine.cli import main
+
+    assert main.main(["render", "bouncing_ball", "--plot", str(tmp_path / "a.png"), "--plot-panels", "wave"]) == 2
+    assert '"wave" is not a panel; give waveform, spectrogram' in capsys.readouterr().err

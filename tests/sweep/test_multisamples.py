@@ -110,7 +110,7 @@ def matching(regions: list[dict[str, str]], key: int, velocity: int) -> list[dic
 
 def test_a_set_has_the_sounds_of_single_notes_at_one_gain(lyre, tmp_path, alone, capsys):
     folder = tmp_path / "set"
-    assert sampled(lyre, folder, *NOTES, "--subtype", "DOUBLE", "--json") == 0
+    assert sampled(lyre, folder, *NOTES, "--subtype", "DOUBLE", "--no-fade", "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert (told["points"], told["done"], told["failed"]) == (4, 4, 0) and "sfz" not in told
     found = rows(folder)
@@ -192,7 +192,7 @@ def test_notes_are_axes_beside_others(lyre, tmp_path, alone, capsys):
     words = ["--vary", "keyboard.values.hard=1,2", "--notes", "A3", "--seconds", "0.1", "--gain", "0"]
     assert sampled(lyre, tmp_path / "set", *words) == 0
     one, two = rows(tmp_path / "set")
-    assert (one["file"], two["file"]) == ("0001_values.hard=1_A3_v080.wav", "0002_values.hard=2_A3_v080.wav")
+    assert (one["file"], two["file"]) == ("0001_values_hard_1_A3_v080.wav", "0002_values_hard_2_A3_v080.wav")
     assert (one["velocity"], one["gain_db"], two["keyboard.values.hard"]) == ("80", "0", "2")
     assert float(two["peak"]) == pytest.approx(2 * float(one["peak"]), rel=1e-6)
 

@@ -6,7 +6,6 @@ in capitals are rows.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,15 +17,13 @@ from engine.compiler.lanes import (
     splat,
     store_lanes,
 )
-from engine.kernel.contact.contact_law import StepStart, contact_response, exponent, loss_rate_of, response_in_contact
-from engine.kernel.contact.friction_law import is_on_law, slides
-from engine.kernel.contact.scalar_contact_solver import ContactEquation, solve_scalar_contact
+from engine.kernel.contact.law import bend, errors_of_move, follows_modes, respond, solve_alone
+from engine.kernel.contact.power_law import ForceEstimate, StepStart
+from engine.kernel.contact.scalar_contact_solver import ContactEquation
 from engine.kernel.data.enums import LANES, Row, SolveStatus
 from engine.kernel.modes.ordered_sums import sum_products
 
-solve_scalar_apart = noinline(
-    solve_scalar_contact.py_func
-)  # inlined in every round, it would take 10 s more to compile
+solve_apart = noinline(solve_alone.py_func)  # inlined in every round, it would take 10 s more to compile
 MIN_RHO = 1e-8  # of B_kk; below, ρ is rounding
 
 
@@ -148,14 +145,14 @@ def project_onto_laws(problem, n):
     for i in range(n):
         start = StepStart(s[i], power[i])
         equation = ContactEquation(problem.law, contacts[i], start, target[i], rho[i], problem.tolerance)
-        move[i], close[i], f[i], slope[i], count, how = solve_scalar_apart(equation, close[i])
+        move[i], close[i], f[i], slope[i], count, how = solve_apart(equation, close[i])
     worst, sizes = 0.0, vectors[Row.WORK]
     multiply_compliance(compliance, n, f, residual)
     sum_sizes(compliance, n, f, sizes)
     for i in range(n):
         linear_move, size = g[i] - residual[i], sizes[i]
         residual[i] = linear_move - move[i]
-        if f[i] == 0.0 and s[i] <= 0.0 and s[i] + linear_move <= 0.0 and not slides(problem.law.friction, contacts[i]):
+        if f[i] == 0.0 and s[i] <= 0.0 and s[i] + linear_move <= 0.0 and follows_modes(problem.law, contacts[i]):
             move[i] = linear_move  # free, and remains so: its end is where the others leave it
             close[i] = s[i] + linear_move
             residual[i] = 0.0
@@ -179,7 +176,7 @@ def line_search(problem, n):
     multiply_compliance(compliance, n, f, residual)
     for i in range(n):
         eta[i] = g[i] - residual[i]
-        off[i], slope[i] = contact_response(problem.law, contacts[i], s[i], eta[i])
+        off[i], slope[i] = respond(problem.law, contacts[i], s[i], eta[i])
         off[i] -= f[i]
     # Newton: (I + J B) d = φ - f, that is d = (φ - f) - J B (φ - f) + …
     multiply_compliance(compliance, n, off, residual)
@@ -196,7 +193,7 @@ def line_search(problem, n):
     for _ in range(60):  # the derivative rises along the ray: find where it changes sign
         here = 0.0
         for i in range(n):
-            force, _ = contact_response(problem.law, contacts[i], s[i], eta[i] - at * after[i])
+            force, _ = respond(problem.law, contacts[i], s[i], eta[i] - at * after[i])
             here += after[i] * (f[i] + at * step[i] - force)
         if abs(here) <= 0.1 * abs(before):
             break
@@ -208,39 +205,6 @@ def line_search(problem, n):
             at = 0.5 * (low + upper)
     for i in range(n):
         f[i] += at * step[i]
-
-
-class ForceEstimate(NamedTuple):
-    """Estimate of the force of a contact in the middle of a solve."""
-
-    eta: float  # change of compression, m
-    end: float  # compression at the end of the step, m
-    force: float  # N
-    slope: float  # of the force, N/m
-
-
-@inline
-def extrapolation_error(law, k, s, estimate, move):
-    """Return the relative errors of the force after a small further move, to first order and to second."""
-    eta, b, f, slope = estimate
-    if f <= 0.0:
-        none = 0.0 if b <= 0.0 or move == 0.0 else np.inf
-        return none, none
-    scale = max(s, abs(eta)) if s > 0.0 else b
-    size = (exponent(law, k) + 1.0) * abs(move) / scale
-    change = max(size, abs(move) * slope / f)
-    near = size * max(1.0, scale / abs(b))  # beyond the first, derivatives have a kink at b = 0
-    return size * change, near * near * max(change, near)
-
-
-@inline
-def second_order_change(law, k, start, estimate, move):
-    """Return the change of the force of contact k of second order in a small move."""
-    eta, b, f, _ = estimate
-    if b > 0.0:
-        _, _, ddf, _ = response_in_contact(law.elastic, k, start, b, eta, loss_rate_of(law, k))
-        return 0.5 * ddf * move * move
-    return f * (move / eta) * (move / eta)
 
 
 @noinline
@@ -260,33 +224,22 @@ def try_extrapolate(problem, n):
         after[i] = residual[i] - after[i]
     first = 0.0
     for i in range(n):
-        k = contacts[i]
-        if slides(problem.law.friction, k):
-            if not is_on_law(problem.law.friction, k, s[i], eta[i] + after[i], f[i] + step[i]):
-                return False
-        elif slope[i] > 0.0:
-            one, two = extrapolation_error(
-                problem.law.elastic, k, s[i], ForceEstimate(eta[i], end[i], f[i], slope[i]), after[i]
-            )
-            if not min(one, two) <= problem.tolerance:
-                return False
-            first = max(first, one)
-        elif not contact_response(problem.law, k, s[i], eta[i] + after[i])[0] <= 0.0:
+        estimate = ForceEstimate(eta[i], end[i], f[i], slope[i])
+        one, two = errors_of_move(problem.law, contacts[i], s[i], estimate, after[i], step[i])
+        if not min(one, two) <= problem.tolerance:
             return False
+        first = max(first, one)
     if first > problem.tolerance:  # (I + J B) d = ½ f'' move², that is d = ½ f'' move² - J B (½ f'' move²) + …
-        bend, more, power = vectors[Row.GUESS], vectors[Row.TARGET], vectors[Row.START_POWER]
+        bent, more, power = vectors[Row.GUESS], vectors[Row.TARGET], vectors[Row.START_POWER]
         for i in range(n):
-            bend[i] = 0.0
-            k = contacts[i]
-            if slope[i] > 0.0 and not slides(problem.law.friction, k):
-                estimate = ForceEstimate(eta[i], end[i], f[i], slope[i])
-                bend[i] = second_order_change(problem.law, k, StepStart(s[i], power[i]), estimate, after[i])
-        multiply_compliance(compliance, n, bend, residual)
+            estimate = ForceEstimate(eta[i], end[i], f[i], slope[i])
+            bent[i] = bend(problem.law, contacts[i], StepStart(s[i], power[i]), estimate, after[i])
+        multiply_compliance(compliance, n, bent, residual)
         for i in range(n):
             residual[i] = -residual[i]
         substitute(problem.scratch, n, residual, more)
         for i in range(n):
-            more[i] += bend[i]
+            more[i] += bent[i]
             step[i] += more[i]
         multiply_compliance(compliance, n, more, residual)
         for i in range(n):

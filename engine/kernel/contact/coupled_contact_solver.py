@@ -20,17 +20,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.kernel.contact.contact_law import StepStart, contact_response, step_start
 from engine.kernel.contact.coupled_contact_round import (
     line_search,
     multiply_compliance,
     newton_step,
     project_onto_laws,
-    solve_scalar_apart,
+    solve_apart,
     tangent_compliances,
     try_extrapolate,
 )
-from engine.kernel.contact.friction_law import acts, slides
+from engine.kernel.contact.law import closes, follows_modes, may_act, respond, step_start
+from engine.kernel.contact.power_law import StepStart
 from engine.kernel.contact.scalar_contact_solver import ContactEquation
 from engine.kernel.data.enums import LINE_SEARCHES, MAX_ROUNDS, Row, SolveStatus
 
@@ -47,7 +47,7 @@ MIN_SCALE, MAX_SCALE = 0.25, 4.0  # by which forces off their laws may be multip
 class CoupledProblem(NamedTuple):
     """The contact equations of an island."""
 
-    law: Any  # LossyLaw
+    law: Any  # Laws
     compliance: Any  # B, row by row, m/N
     s: Any  # [contacts], m: compressions at the start
     g: Any  # [contacts], m: their changes without contact force
@@ -76,7 +76,7 @@ def apply_active_forces(problem, n, f):
     """Write STEP and END of all contacts under the forces f of the active set; FORCE and MISS become 0."""
     scratch, total = problem.scratch, problem.s.shape[0]
     vectors, active, s, g = scratch.vectors, scratch.active, problem.s, problem.g
-    force, eta, end, residual = vectors[Row.FORCE], vectors[Row.STEP], vectors[Row.END], vectors[Row.MISS]
+    force, eta, end, residual = vectors[Row.FORCE], vectors[Row.STEP], vectors[Row.END], vectors[Row.STEP_RESIDUAL]
     for k in range(total):
         eta[k], force[k], residual[k] = g[k], 0.0, 0.0
     for i in range(n):
@@ -95,18 +95,10 @@ def extend_active_set(problem, n, f):
     scratch = problem.scratch
     apply_active_forces(problem, n, f)
     for k in range(problem.s.shape[0]):
-        if scratch.is_active[k] == 0 and scratch.vectors[Row.END, k] > 0.0 and not slides(problem.law.friction, k):
+        if scratch.is_active[k] == 0 and closes(problem.law, k, scratch.vectors[Row.END, k]):
             activate(problem, n, k, 0.0, scratch.vectors[Row.STEP, k])
             n += 1
     return n
-
-
-@inline
-def begins_active(friction, k, s):
-    """True if a contact is closed at the begin of a step, or a point of friction may have a force in it."""
-    if slides(friction, k):
-        return acts(friction, k, s)
-    return s > 0.0
 
 
 @noinline
@@ -122,7 +114,7 @@ def initial_active_set(problem):
     n = INT64_0
     for k in range(total):
         scratch.is_active[k] = 0
-        if begins_active(problem.law.friction, k, s[k]):
+        if may_act(problem.law, k, s[k], 0.0):
             activate(problem, n, k, vectors[Row.FORCE, k], 0.0)
             n += 1
     apply_active_forces(problem, n, guess)
@@ -130,7 +122,7 @@ def initial_active_set(problem):
         if i == n:
             deepest, at = 0.0, INT64_0
             for j in range(total):
-                if scratch.is_active[j] == 0 and end[j] > deepest and not slides(problem.law.friction, j):
+                if scratch.is_active[j] == 0 and end[j] > deepest and follows_modes(problem.law, j):
                     at, deepest = j, end[j]
             if not deepest > 0.0:
                 break
@@ -140,7 +132,7 @@ def initial_active_set(problem):
         row = problem.compliance[k * total : (k + 1) * total]
         target = eta[k] + row[k] * guess[i]
         start, near = StepStart(s[k], vectors[Row.START_POWER, i]), end[k] if guess[i] > 0.0 else 0.0
-        push = solve_scalar_apart(ContactEquation(problem.law, k, start, target, row[k], SWEEP_TOLERANCE), near)[2]
+        push = solve_apart(ContactEquation(problem.law, k, start, target, row[k], SWEEP_TOLERANCE), near)[2]
         change = push - guess[i]
         guess[i] = push
         if change != 0.0:
@@ -159,7 +151,7 @@ def scatter_solution(problem, n):
     for i in range(n):
         k = active[i]
         if vectors[Row.ACTIVE_FORCE, i] != 0.0 or vectors[Row.START, i] > 0.0 or vectors[Row.END, k] > 0.0:
-            vectors[Row.MISS, k] = vectors[Row.STEP, k] - vectors[Row.ACTIVE_STEP, i]
+            vectors[Row.STEP_RESIDUAL, k] = vectors[Row.STEP, k] - vectors[Row.ACTIVE_STEP, i]
             vectors[Row.FORCE, k] = vectors[Row.ACTIVE_FORCE, i]
             vectors[Row.STEP, k], vectors[Row.END, k] = vectors[Row.ACTIVE_STEP, i], vectors[Row.ACTIVE_END, i]
 
@@ -172,12 +164,12 @@ def energy_defect(problem, scale):
     """Return the energy that the forces scale·FORCE create, E = Σ (φ - f)·η, J, its slope by the scale, and the energy
     that these forces exchange, Σ |f·η|. MISS is B·FORCE."""
     s, g, vectors = problem.s, problem.g, problem.scratch.vectors
-    force, response = vectors[Row.FORCE], vectors[Row.MISS]
+    force, response = vectors[Row.FORCE], vectors[Row.STEP_RESIDUAL]
     energy, slope, size = 0.0, 0.0, 0.0
     for k in range(s.shape[0]):
         eta, f = g[k] - scale * response[k], scale * force[k]
         if f != 0.0 or s[k] > 0.0 or s[k] + eta > 0.0:
-            phi, rise = contact_response(problem.law, k, s[k], eta)
+            phi, rise = respond(problem.law, k, s[k], eta)
             energy += (phi - f) * eta
             slope -= (rise * eta + phi - f) * response[k] + force[k] * eta
             size += abs(f * eta)
@@ -195,7 +187,7 @@ def clamp_and_respond(problem, n, forces):
     for i in range(n):
         vectors[Row.FORCE, active[i]] = forces[i]
     for k in range(g.shape[0]):
-        vectors[Row.MISS, k] = g[k] - vectors[Row.STEP, k]
+        vectors[Row.STEP_RESIDUAL, k] = g[k] - vectors[Row.STEP, k]
     return energy_defect(problem, 1.0)[0]
 
 
@@ -251,7 +243,7 @@ def finish_capped(problem, n, budget, least):
             guess[i] *= scale
     energy = clamp_and_respond(problem, n, guess)
     for k in range(problem.s.shape[0]):
-        vectors[Row.MISS, k] = 0.0
+        vectors[Row.STEP_RESIDUAL, k] = 0.0
     return energy
 
 

@@ -13,6 +13,8 @@ the mean over the step, unless it would then alternate from step to step.
 import math
 
 from engine.compiler.decorators import inline
+from engine.kernel.contact.friction_coefficient import share_forgotten
+from engine.kernel.data.effects import EFFECTS, FRICTION
 from engine.kernel.data.enums import Sliding, SolveStatus
 
 SAME_FORCE = 1e-14  # share by which forces differ that are the same but for rounding
@@ -21,18 +23,24 @@ STICKING = 1.0 - 1e-12  # share of the largest force: with less, surfaces do not
 
 @inline
 def slides(friction, k):
-    """True if item k of the contacts is a point of friction. friction: State.friction or None"""
-    if friction is None:
-        return False
-    return friction[k][Sliding.BRISTLE] > 0.0
+    """True if item k of the contacts is a point of friction. friction: State.law_numbers"""
+    if EFFECTS & FRICTION:
+        return friction[k][Sliding.BRISTLE] > 0.0
+    return False
 
 
 @inline
-def acts(friction, k, z):
+def surface_move(friction, duration, k):
+    """Return how far the surface of point k moves by itself in a step, m: that of a bow; 0 of a contact."""
+    if slides(friction, k):
+        return friction[k][Sliding.VELOCITY] * duration[k]
+    return 0.0
+
+
+@inline
+def force_may_act(friction, k, z):
     """True if point of friction k may have a force in this step: surfaces are pressed, or its bristle is bent. A force
     that an event has set since the last step counts, too."""
-    if friction is None:
-        return False
     return friction[k][Sliding.PRESS] > 0.0 or friction[k][Sliding.FORCE] > 0.0 or z != 0.0
 
 
@@ -44,8 +52,6 @@ def solve_friction(friction, k, z, g, compliance):
 
     Returns η (m), the end of the bristle (m), F (N), dF/dη (N/m), 0 evaluations of the law, and SolveStatus.
     """
-    if friction is None:
-        return g, z, 0.0, 0.0, 0, SolveStatus.CLOSED_FORM
     slope, most = friction[k][Sliding.SLOPE], friction[k][Sliding.BOUND]
     f = force_of_sticking(friction[k], z, g, compliance)
     eta = (g - compliance * friction[k][Sliding.BRISTLE] * z) / (1.0 + compliance * slope)
@@ -85,8 +91,6 @@ def slope_of_sticking(stiffness, damping, compliance, duration):
 @inline
 def respond_by_friction(friction, k, z, eta):
     """Return F at point k, N, and its slope dF/dη, N/m, for a slip η."""
-    if friction is None:
-        return 0.0, 0.0
     slope, most = friction[k][Sliding.SLOPE], friction[k][Sliding.BOUND]
     f = friction[k][Sliding.BRISTLE] * z + slope * eta
     if abs(f) <= most:
@@ -98,8 +102,6 @@ def respond_by_friction(friction, k, z, eta):
 def is_on_law(friction, k, z, eta, f):
     """True if F is the force at point k for a slip η, but for rounding: after a move along its tangent, the point is
     still stuck, or slides the same way."""
-    if friction is None:
-        return True
     size = abs(f) + friction[k][Sliding.BRISTLE] * abs(z) + friction[k][Sliding.SLOPE] * abs(eta)
     return abs(respond_by_friction(friction, k, z, eta)[0] - f) <= SAME_FORCE * size
 
@@ -107,6 +109,22 @@ def is_on_law(friction, k, z, eta, f):
 @inline
 def bristle_energy(friction, k, z):
     """Energy of the bristle at point k, J."""
-    if friction is None:
-        return 0.0
     return 0.5 * friction[k][Sliding.BRISTLE] * z * z
+
+
+@inline
+def store_friction(state, k, duration, solution, residual):
+    """Store the bristle, slip and force of point k after a step. Returns the energy lost, J.
+
+    solution: slip (m), compression at the end, and force (N), …; residual: how much further the surfaces slipped, m
+    """
+    point, eta, f = state.law_numbers[k], solution[0], solution[2]
+    before, end = state.compression[k], end_of_bristle(point, state.compression[k], eta, f)
+    bent = eta if end == before + eta else end - before
+    slip = (eta - bent) + residual  # what the bristle gave way
+    state.compression[k], state.compression_compensation[k], state.contact_force[k] = end, 0.0, f
+    speed = slip / duration if end != before + eta else 0.0
+    remembered = point[Sliding.REMEMBERED_SPEED]
+    remembered += (abs(speed) - remembered) * share_forgotten(point[Sliding.MEMORY], duration)
+    point[Sliding.SLIP], point[Sliding.REMEMBERED_SPEED] = speed, remembered
+    return f * slip + bent * (f - point[Sliding.BRISTLE] * (before + 0.5 * bent))

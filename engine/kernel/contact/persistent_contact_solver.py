@@ -9,14 +9,12 @@ import math
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.elementary import expm1_of, log1p_of
-from engine.kernel.contact.contact_law import exponent, loss_rate_of
 from engine.kernel.contact.coupled_contact_round import (
-    ForceEstimate,
-    extrapolation_error,
     multiply_compliance,
     newton_step,
 )
 from engine.kernel.contact.coupled_contact_solver import activate, extend_active_set, scatter_solution
+from engine.kernel.contact.power_law import ForceEstimate, extrapolation_error, loss_rate_of
 from engine.kernel.data.enums import Row
 
 MAX_PERSISTENT_ROUNDS = 6
@@ -79,7 +77,7 @@ def take_newton_step(problem, n):
     residual, step, worst = vectors[Row.RESIDUAL], vectors[Row.NEWTON_STEP], 0.0
     for i in range(n):
         k = contacts[i]
-        alpha, rate = exponent(problem.law.elastic, k), loss_rate_of(problem.law, k)
+        alpha, rate = problem.law.elastic.exponent[k], loss_rate_of(problem.law, k)
         start_force = problem.law.elastic.potential_coefficient[k] * (alpha + 1.0) * power[i]
         f[i], slope[i] = persistent_response(start_force, alpha, rate, s[i], eta[i])
     multiply_compliance(compliance, n, f, residual)

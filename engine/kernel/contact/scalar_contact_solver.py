@@ -1,6 +1,6 @@
 """Contact solve of one contact: its compression at the end of a step, given how far it would move without force.
 
-`solve_scalar_contact` solves an island with one contact. The unknown is the end compression b, with η = b - s beside
+`solve_power_law` solves an island with one contact. The unknown is the end compression b, with η = b - s beside
 it, so that neither is ever formed from the other (docs/design.md, sec. 3):
 
     (b - G) + B·f = 0,    f = φ(s, b)·max(0, 1 + μη/h),    G = s + g
@@ -14,15 +14,13 @@ import math
 from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline
-from engine.kernel.contact.contact_law import (
+from engine.kernel.contact.power_law import (
     StepStart,
-    exponent,
     inverse_power,
     loss_rate_of,
     response_in_contact,
     root_of_potential,
 )
-from engine.kernel.contact.friction_law import slides, solve_friction
 from engine.kernel.data.enums import SolveStatus
 
 MIN_COMPRESSION = 1e-150  # m; a compression below it is none: its square underflows
@@ -33,7 +31,7 @@ MAX_HALLEY_EVALUATIONS = 60  # bisection alone would be done by then
 class ContactEquation(NamedTuple):
     """Equation of one contact for its force (docs/design.md, sec. 3)."""
 
-    law: Any  # LossyLaw
+    law: Any  # Laws
     k: int  # number of the contact in it
     start: StepStart
     g: float  # change of compression if there were no contact force, m
@@ -109,7 +107,7 @@ def initial_guess(law, k, start, g, scale):
     """Return an end compression to begin with, from the asymptotes of the solution (docs/design.md, sec. 3)."""
     s = start.s
     free_end = s + g
-    alpha = exponent(law, k)
+    alpha = law.exponent[k]
     n = alpha + 1.0
     if s <= 0.0:  # (G - b)(b - s) = scale·b^n, where b^n is known at both asymptotes
         free = free_end / scale
@@ -138,34 +136,26 @@ def initial_guess(law, k, start, g, scale):
 
 
 @inline
-def initial_guess_lossy(law, k, start, g, scale, rate, b):
+def initial_guess_lossy(lossy_law, k, start, g, scale, b):
     """Return an end compression to begin with under contact loss, given that without loss, b."""
-    s = start.s
+    law, rate, s = lossy_law.elastic, loss_rate_of(lossy_law, k), start.s
     if s <= 0.0:
         return min(b, root_of_potential(law, k, (s + g) / (scale * rate)))
-    force = (exponent(law, k) + 1.0) * scale * start.power
-    newton = s + (g - force) / (1.0 + force * (0.5 * exponent(law, k) / s + rate))  # from b = s; never below the root
+    force = (law.exponent[k] + 1.0) * scale * start.power
+    newton = s + (g - force) / (1.0 + force * (0.5 * law.exponent[k] / s + rate))  # from b = s; never below the root
     return b if s - 1.0 / rate < b < newton else newton
 
 
 @inline
-def solve_scalar_contact(equation, near):
-    """Solve a ContactEquation for the end compression b.
-
-    near: b as far as it is known, m; zero or less if nothing is known of it
-
-    Returns η (m), b (m), mean force f (N), slope df/dη (N/m), evaluations of the contact law, and SolveStatus (FREE,
-    SEPARATION, CLOSED_FORM, NEWTON or FAILED).
-    """
+def solve_power_law(equation, near):
+    """Solve the ContactEquation of a power law. near, result: as of engine.kernel.contact.law.solve_alone"""
     lossy_law, k, start, g, compliance, _ = equation
     s = start.s
-    if slides(lossy_law.friction, k):
-        return solve_friction(lossy_law.friction, k, s, g, compliance)
     free_end = s + g
     if s < MIN_COMPRESSION and free_end < MIN_COMPRESSION:
         return g, free_end, 0.0, 0.0, 0, SolveStatus.FREE
     law, rate = lossy_law.elastic, loss_rate_of(lossy_law, k)
-    alpha = exponent(law, k)
+    alpha = law.exponent[k]
     scale = compliance * law.potential_coefficient[k]
     if s > 0.0:
         if rate * g <= -1.0:  # leaves faster than the loss allows a push: Hunt-Crossley never pulls
@@ -188,7 +178,7 @@ def solve_scalar_contact(equation, near):
     else:
         b = initial_guess(law, k, start, g, scale)
         if rate > 0.0:
-            b = initial_guess_lossy(law, k, start, g, scale, rate, b)
+            b = initial_guess_lossy(lossy_law, k, start, g, scale, b)
         eta = b - s
     return bracketed_halley(equation, b, eta)
 
@@ -204,13 +194,13 @@ def bracketed_halley(equation, b, eta):
     law, rate, s, free_end = lossy_law.elastic, loss_rate_of(lossy_law, k), start.s, start.s + g
     lower, upper = 0.0, free_end
     if s > 0.0 and rate == 0.0:  # the sign of the residual at b = s is the sign of κ - g/s
-        if g > compliance * law.potential_coefficient[k] * (exponent(law, k) + 1.0) * start.power:
+        if g > compliance * law.potential_coefficient[k] * (law.exponent[k] + 1.0) * start.power:
             lower = s
         else:
             upper = s
     elif s > 0.0:
         lower, upper = max(0.0, s - 1.0 / rate), max(free_end, s)
-    degree = exponent(law, k) + 1.0
+    degree = law.exponent[k] + 1.0
     for evaluations in range(1, MAX_HALLEY_EVALUATIONS + 1):
         f, df, ddf, dddf = response_in_contact(law, k, start, b, eta, rate)
         contact_displacement = compliance * f

@@ -26,6 +26,7 @@ class Axis(StrEnum):
     PICKUP = "pickup"
     BODY = "body"
     FREE_MASS = "free_mass"
+    HEAVY_MODE = "heavy_mode"  # modes of islands that gravity acts on
     DRIVE = "drive"  # points of bodies that ends of strings drive, which they do not act back on
     ROW = "row"  # of mode shapes: the axis of the field that holds the record
     ISLAND = "island"
@@ -37,7 +38,7 @@ class Axis(StrEnum):
 SEGMENTED = (
     *(Axis.MODE, Axis.CONTACT, Axis.COMPLIANCE),
     *(Axis.CONNECTION, Axis.CONNECTION_PAIR, Axis.CONNECTION_CONTACT, Axis.CONNECTION_PART),
-    *(Axis.PAIR_ON_BODY, Axis.FORCE, Axis.EVENT, Axis.PICKUP, Axis.BODY, Axis.FREE_MASS),
+    *(Axis.PAIR_ON_BODY, Axis.FORCE, Axis.EVENT, Axis.PICKUP, Axis.BODY, Axis.FREE_MASS, Axis.HEAVY_MODE),
 )
 
 
@@ -55,6 +56,7 @@ class Items:
 
 PerMode = Annotated[np.ndarray, Items(Axis.MODE)]
 PerModeFactor = Annotated[np.ndarray, Items(Axis.MODE, neutral=1.0)]
+PerHeavyMode = Annotated[np.ndarray, Items(Axis.HEAVY_MODE)]
 PerModeShape = Annotated[np.ndarray, Items(Axis.MODE, is_shape=True)]
 PerContact = Annotated[np.ndarray, Items(Axis.CONTACT)]
 PerContactInt = Annotated[np.ndarray, Items(Axis.CONTACT, np.int64)]
@@ -140,18 +142,10 @@ def arrays_of(value: Any) -> Iterator[np.ndarray]:
             yield from arrays_of(item)
 
 
-def pair_arrays(record: Any, ours: Any, theirs: Any) -> Iterator[tuple[Items, np.ndarray, np.ndarray | None]]:
-    """Yield the arrays of one record with those of another at the same place, None where it has none.
-
-    record: the class of both
-    Raises ValueError if the first has not all arrays of the second.
-    """
+def pair_arrays(record: Any, ours: Any, theirs: Any) -> Iterator[tuple[Items, np.ndarray, np.ndarray]]:
+    """Yield the arrays of one record with those of another at the same place. record: the class of both"""
     for field in fields_of(record):
-        mine, other = (None if value is None else getattr(value, field.name) for value in (ours, theirs))
-        if mine is None and other is not None:
-            raise ValueError(f"no {field.name} to write to")
-        if mine is None:
-            continue
+        mine, other = getattr(ours, field.name), getattr(theirs, field.name)
         if field.items is not None:
             yield field.items, mine, other
         elif field.record is not None:

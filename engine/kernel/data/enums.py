@@ -111,17 +111,17 @@ class Stretch(IntEnum):
     LAST = 1  # of the step before, and of two more
     SECOND_LAST = 2
     THIRD_LAST = 3
-    TRIED = 4  # a rise that was tried, and by how much it missed that which it led to
-    MISSED = 5
-    LOW = 6  # between these is the rise, from the signs of misses
+    TRIED = 4  # a rise that was tried, and that which it led to less it
+    TRIED_RESIDUAL = 5
+    LOW = 6  # between these is the rise, from the signs of residuals
     HIGH = 7
     ENDS_BEFORE = 8  # what moving ends stretch it, m: at the begin of the step, and at its end
     ENDS_AFTER = 9
     STRETCHES = 10  # 1, or 0 while the body is taken for linear
-    MISS = 11  # by how much the rise of this round misses that which it leads to; 0 if it does not
+    RESIDUAL = 11  # that which the rise of this round leads to less it; 0 if it is found
 
 
-class SoftMatrix(IntEnum):
+class StiffenedMatrix(IntEnum):
     """Matrices of the points of an island that a rise of tension changes."""
 
     CONTACTS = 0  # how far contacts move each other
@@ -130,19 +130,19 @@ class SoftMatrix(IntEnum):
 
 
 class PairOnBody(IntEnum):
-    """Columns of Softening.pairs: two points on a body that stretches."""
+    """Columns of Stiffening.pairs: two points on a body that stretches."""
 
     BODY = 0
     MODE_BEGIN = 1  # of its modes, and their number
     MODES = 2
-    SHAPE = 3  # where Softening.shapes has those of the first point, and of the second
+    SHAPE = 3  # where Stiffening.shapes has those of the first point, and of the second
     OTHER_SHAPE = 4
     TARGET = 5  # what a force at one moves the other, in its matrix
     MIRROR = 6  # the same once more, or -1
 
 
 class Sliding(IntEnum):
-    """Columns of State.friction. Events change the first seven."""
+    """Columns of State.law_numbers of a point of friction. Events change the first seven."""
 
     VELOCITY = 0  # m/s, of the surface that moves by itself
     FORCE = 1  # N, that presses the surfaces together, if no contact does
@@ -268,7 +268,7 @@ class Row(IntEnum):
     FORCE = 0
     STEP = 1  # η
     END = 2  # end compression
-    MISS = 3  # what the bodies move beyond the step
+    STEP_RESIDUAL = 3  # what the bodies move beyond the step
     END_FORCE = 19  # elastic, at the end compression; of contacts that persist
     # … and of each in the active set
     START = 4  # compression
@@ -288,6 +288,7 @@ class Row(IntEnum):
     START_POWER = 18  # s^α
 
 
+LAW_NUMBERS = 24  # numbers that a law may have of each contact
 LANES = 8  # numbers that are taken at once
 BALANCE_MEMORY = 8  # of a Balance: eight numbers, where its others end
 BALANCE_SIZE = BALANCE_MEMORY + LANES

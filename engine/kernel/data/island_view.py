@@ -13,7 +13,6 @@ from typing import Any
 from engine.compiler.array_view import column_view, matrix_view, row_view, slice_view
 from engine.compiler.overloads import is_none, overload_by_source
 from engine.kernel.data.axes import SEGMENTED, Axis, Items, fields_of
-from engine.kernel.data.laws import Law
 from engine.kernel.data.model import Islands
 
 ENDS = [f"{axis}_{end}" for axis in SEGMENTED for end in ("begin", "end")]
@@ -26,9 +25,8 @@ def island_bounds(islands: Any, partition: int, i: int) -> Any:
     raise TypeError("island_bounds is for compiled code")
 
 
-def island_model(model: Any, state: Any, bounds: Any) -> Any:
-    """Return one island of a Model; its contacts have the stiffness and the exponents of the State. In compiled code
-    only."""
+def island_model(model: Any, bounds: Any) -> Any:
+    """Return one island of a Model. In compiled code only."""
     raise TypeError("island_model is for compiled code")
 
 
@@ -43,7 +41,7 @@ NAMES: dict[str, Any] = {view.__name__: view for view in (slice_view, column_vie
 def write_view(kind: Any, value: str, names: dict[str, Any], row_axis: Axis | None = None) -> str:
     """Return the source of a record like `value`, each array cut to an island.
 
-    kind:  Numba type of the record: it tells which fields are None, and how many dimensions arrays have
+    kind:  Numba type of the record: it tells how many dimensions arrays have, and whether there are stages
     names: those of the classes are added
     """
     record = kind.instance_class
@@ -53,10 +51,6 @@ def write_view(kind: Any, value: str, names: dict[str, Any], row_axis: Axis | No
         part = f"{value}.{field.name}"
         if field.record is Islands or is_none(inner):
             part = "None"
-        elif field.record is Law:
-            names[inner.instance_class.__name__] = inner.instance_class
-            part = f"{inner.instance_class.__name__}({_cut(Items(Axis.CONTACT), 'state.potential_coefficient', 1)},"
-            part += f" {_cut(Items(Axis.CONTACT), 'state.exponent', 1)})"
         elif field.record is not None:
             part = write_view(inner, part, names, field.row_axis or row_axis)
         elif field.items is not None:
@@ -85,7 +79,7 @@ def _cut(items: Items, array: str, dimensions: int) -> str:
     return f"column_view({array}, 0)" if dimensions == 2 else f"slice_view({array}, 0, {array}.shape[0])"
 
 
-def _write_model(model: Any, state: Any, bounds: Any) -> tuple[str, dict[str, Any]]:
+def _write_model(model: Any, bounds: Any) -> tuple[str, dict[str, Any]]:
     names = dict(NAMES)
     return write_view(model, "model", names), names
 

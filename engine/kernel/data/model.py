@@ -1,8 +1,7 @@
 """The `Model`: all that does not change while a scene sounds.
 
-An effect is a field of the Model, or of what it holds: a record or an array, or `None`. Numba prunes
-`if field is not None` by type, so an absent effect is not compiled at all; this works where the field is a direct
-argument of the function that tests it.
+What a scene lacks are arrays without items, or of numbers that do nothing (engine.assembly.absent_parts): every scene
+has all fields but `refinement`. `effects` says what it has (engine.kernel.data.effects).
 
 Bodies are sets of modes; modes, contacts, forces and pickups of one island lie beside each other in all arrays, and
 indices of modes and contacts count from their island's first. Coordinates are mass-normalised: displacement in √kg·m,
@@ -47,10 +46,9 @@ from engine.kernel.data.enums import (
     ForceNumber,
     MovingEnd,
     PairOnBody,
-    SoftMatrix,
+    StiffenedMatrix,
     StretchFactor,
 )
-from engine.kernel.data.laws import Law
 
 
 class ModeShapeRows(NamedTuple):
@@ -102,13 +100,13 @@ class ContactCoefficients(NamedTuple):
     """Coefficients of each contact that depend on the length of a step."""
 
     rows: RowCoefficients  # of Contact.rows
-    other_rows: RowCoefficients | None
+    other_rows: RowCoefficients
     compliance: PerContact  # B_kk, m/N: displacement per newton over the step
     compliance_low: PerContact  # m/N: what rounding cut from B_kk
-    loss_rate: PerContact | None  # μ/h, 1/m: Hunt-Crossley loss (paper, eq. 41)
-    coupling: PerCompliance | None  # B of each island, m/N; where an island has several contacts
-    duration: PerContact | None  # s: length of the step; where there is friction
-    only_kick_phi: PerModeShape | None  # t·Φ of the only contact of an island, of both bodies; or zeros
+    loss_rate: PerContact  # μ/h, 1/m: Hunt-Crossley loss (paper, eq. 41)
+    coupling: PerCompliance  # B of each island, m/N; where an island has several contacts
+    duration: PerContact  # s: length of the step; where there is friction
+    only_kick_phi: PerModeShape  # t·Φ of the only contact of an island, of both bodies; or zeros
 
 
 class StepCoefficients(NamedTuple):
@@ -120,13 +118,13 @@ class StepCoefficients(NamedTuple):
 
     kick: PerMode  # t, s
     drift: PerMode  # v, s
-    spring_kick: PerMode | None  # t·ω², 1/s: momentum per displacement in half a kick
-    weight_kick: PerMode | None  # t·weight, √kg·m/s: momentum in half a kick
-    loss: ModalLoss | None  # at either end of the step
-    drag: ModalLoss | None  # in the drift (engine.assembly.mode_coefficients.loses_in_drift)
-    connection: ConnectionCoefficients | None
-    contact: ContactCoefficients | None
-    force: RowCoefficients | None  # of ExternalForce.rows
+    spring_kick: PerMode  # t·ω², 1/s: momentum per displacement in half a kick
+    weight_kick: PerMode  # t·weight, √kg·m/s: momentum in half a kick
+    loss: ModalLoss  # at either end of the step
+    drag: ModalLoss  # in the drift (engine.assembly.mode_coefficients.loses_in_drift)
+    connection: ConnectionCoefficients
+    contact: ContactCoefficients
+    force: RowCoefficients  # of ExternalForce.rows
 
 
 class StepSettings(NamedTuple):
@@ -155,9 +153,7 @@ class ExternalForce(NamedTuple):
     table_end: PerForceInt
     table: Shared  # N
     tail: PerForce  # N, for steps past its table
-    drive: (
-        Annotated[np.ndarray, Items(Axis.FORCE, np.int64, neutral=-1)] | None
-    )  # or the point that strings drive, or -1
+    drive: Annotated[np.ndarray, Items(Axis.FORCE, np.int64, neutral=-1)]  # or the point that strings drive, or -1
 
 
 class Drive(NamedTuple):
@@ -181,12 +177,12 @@ class Connections(NamedTuple):
     contact_reach_by_forces: PerContact  # m/√J: and how much further than its bodies by themselves
 
 
-class Softening(NamedTuple):
+class Stiffening(NamedTuple):
     """Pairs of points on bodies that stretch, which these move less where their tension rises
     (engine.kernel.interactions.stretched_compliance)."""
 
     pairs: Annotated[np.ndarray, Items(Axis.PAIR_ON_BODY, np.int64, len(PairOnBody))]
-    begin: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, len(SoftMatrix) + 1)]  # of those in each matrix
+    begin: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, len(StiffenedMatrix) + 1)]  # of those in each matrix
     shapes: PerShape  # Φ, 1/√kg
 
 
@@ -198,7 +194,7 @@ class Tension(NamedTuple):
     kappa: PerMode  # κ: the stretch is Σ κ·q², in m of strings, in m² of sheets
     ends: Annotated[np.ndarray, Items(Axis.BODY, np.int64, len(MovingEnd), neutral=-1)]
     factor: Annotated[np.ndarray, Items(Axis.BODY, columns=len(StretchFactor))]
-    softening: Softening
+    stiffening: Stiffening
     can_stretch: PerIslandInt  # 1 if a body of the island does
     heard: Annotated[np.ndarray, Items(Axis.PICKUP, np.int64, neutral=-1)]  # body whose rise a pickup hears, or -1
     heard_share: PerPickup  # of the rise itself: 1 or 0
@@ -206,7 +202,7 @@ class Tension(NamedTuple):
 
 
 class Friction(NamedTuple):
-    """Points of friction, which lie among the contacts (engine.kernel.interactions.friction)."""
+    """Points of friction, which lie among the contacts (engine.kernel.contact.friction_points)."""
 
     pressed_by: Annotated[np.ndarray, Items(Axis.CONTACT, np.int64, neutral=-1)]  # contact that presses, or -1
     is_present: PerIslandInt  # 1 if the island has some
@@ -214,12 +210,14 @@ class Friction(NamedTuple):
 
 
 class Contact(NamedTuple):
-    """Contacts and points of friction: the law of each, and where it is on the bodies that it joins."""
+    """Contacts and points of friction: where each is on the bodies that it joins. Its law is in the State."""
 
-    law: Law  # its type; in a kernel, with the numbers of the State
     rows: Annotated[ModeShapeRows, Axis.CONTACT]  # of the body that touches
-    other_rows: Annotated[ModeShapeRows, Axis.CONTACT] | None  # of the body it touches, empty for a barrier
-    friction: Friction | None
+    other_rows: Annotated[ModeShapeRows, Axis.CONTACT]  # of the body it touches, empty for a barrier
+    friction: Friction
+    has_power_laws: Annotated[
+        np.ndarray, Items(Axis.ISLAND, np.int64, neutral=1)
+    ]  # 1 if contacts of the island have no other
     nominal_stiffness: PerContact  # N/m^α, as the patch says
     nominal_barrier: PerContact  # m, as the patch says; subtracted from the projected displacement
     tolerance: float  # relative error left in the end compression
@@ -258,17 +256,17 @@ class Refinement(NamedTuple):
     """A sample in stages (engine.kernel.run.refinement). Stages of one length, with the same loss, are of one kind."""
 
     stages: StepCoefficients  # one row for each kind; with AdaptiveSteps, for each of each level
-    contact_loss: ContactLoss | None  # None where it is in the solve, or there is none
+    contact_loss: ContactLoss  # None where it is in the solve, or there is none
     sequence: SharedInt  # the kind of each stage of a step
     sequence_in_solve: SharedInt  # of order 2, where contact loss is too strong to act between stages
-    loss_before: Shared | None  # s: how long contacts and dampers lose before each stage, if they do not in the stages
-    loss_after: Shared | None  # and after it
+    loss_before: Shared  # s: how long contacts and dampers lose before each stage, if they do not in the stages
+    loss_after: Shared  # and after it
     damper_share: Shared  # of a sample, for which dampers of events act at either end of a finest step; and within it
-    force: ForceShapes | None  # of the external forces
+    force: ForceShapes  # of the external forces
     length: Shared  # of each kind, as a share of a sample
     steps: int  # of a sample; with AdaptiveSteps, of the coarsest level
     kinds: int  # of stages, of a level
-    adaptive: AdaptiveSteps | None
+    adaptive: AdaptiveSteps
     refine_free_flight: bool  # also out of contact
     chord_deviation: PerMode  # how far a mode strays from its chord within a sample, per amplitude
     gravity_deviation: PerMode  # √kg·m: and how far by its weight
@@ -320,8 +318,8 @@ class FreeFlight(NamedTuple):
     part: FreeMotion  # over FLIGHT_PART samples
     bound_per_speed: PerMode  # s: how far a mode can move in a flight, per speed
     bound_per_weight: PerMode  # s²: and per weight, if it is a free mass
-    loss: FlightLoss | None
-    weight: FlightWeight | None
+    loss: FlightLoss
+    weight: FlightWeight
     # what a mode gives at a pickup in each of FLIGHT_PART samples, per displacement and then per momentum at the first;
     # counted as Pickups.rows.phi
     pickup_tables: Annotated[np.ndarray, Items(Axis.SHAPE, columns=2 * FLIGHT_PART)]
@@ -372,6 +370,7 @@ class Islands(NamedTuple):
     pickup: np.ndarray
     body: np.ndarray
     free_mass: np.ndarray
+    heavy_mode: np.ndarray
     partition: np.ndarray
 
 
@@ -379,19 +378,20 @@ class Model(NamedTuple):
     """Everything that stays."""
 
     samplerate: float
+    effects: int  # bits
     islands: Islands  # of the whole scene; None in the model of one island
     step: StepCoefficients  # of a sample as one step
-    omega_squared: PerMode | None  # 1/s²: restoring force
-    weight: PerMode | None  # √kg·m/s²: gravity
-    force: ExternalForce | None
-    drive: Drive | None
-    connection: Connections | None
-    contact: Contact | None
-    tension: Tension | None
+    omega_squared: PerMode  # 1/s²: restoring force
+    weight: PerMode  # √kg·m/s²: gravity
+    force: ExternalForce
+    drive: Drive
+    connection: Connections
+    contact: Contact
+    tension: Tension
     refinement: Refinement | None
-    events: Events | None
+    events: Events
     pickups: Pickups
     flight: FreeFlight
     bodies: Annotated[ModeShapeRows, Axis.BODY]  # where each body is traced
-    free_masses: FreeMasses | None
+    free_masses: FreeMasses
     sleep_threshold: float  # share of its peak below which an island sleeps (engine.kernel.run.sleep)

@@ -16,6 +16,7 @@ from engine.kernel.data.axes import (
     PerContactInt,
     PerEvent,
     PerForce,
+    PerHeavyMode,
     PerIsland,
     PerIslandInt,
     PerMode,
@@ -26,6 +27,7 @@ from engine.kernel.data.enums import (
     FLIGHT_FRAMES,
     FLIGHT_MODES,
     FLIGHT_PART,
+    LAW_NUMBERS,
     MAX_ROUNDS,
     EnergyTotal,
     EventCursor,
@@ -33,11 +35,11 @@ from engine.kernel.data.enums import (
     Ledger,
     Sleep,
     SleepMonitor,
-    Sliding,
     SolveStatus,
     Stretch,
 )
 
+PerLaw = Annotated[np.ndarray, Items(Axis.CONTACT, columns=LAW_NUMBERS)]
 PerPartition = Annotated[np.ndarray, Items(Axis.PARTITION)]
 PerPartitionInt = Annotated[np.ndarray, Items(Axis.PARTITION, np.int64)]
 
@@ -88,7 +90,7 @@ class ConnectionState(NamedTuple):
     near: NearContacts
 
 
-class SoftenedConnections(NamedTuple):
+class StiffenedConnections(NamedTuple):
     """Coefficients of connections of stretched bodies (engine.kernel.data.model.ConnectionCoefficients)."""
 
     compliance: PerConnectionPair
@@ -106,13 +108,13 @@ class TensionState(NamedTuple):
     body: Annotated[np.ndarray, Items(Axis.BODY, columns=len(Stretch))]
     is_active: PerIslandInt  # 0 while the bodies of the island are taken for linear
     push_per_rise: PerMode  # memory: of the tension of a step, √kg·m/s per N
-    softness: PerMode  # memory, 1/N
+    decline_per_rise: PerMode  # memory, 1/N
     momentum: PerMode  # √kg·m/s: of the drift by neither contacts nor tension
     push: PerMode  # √kg·m/s: what external forces give in half a kick
     compliance: PerContact  # B_kk of stretched bodies, m/N
     compliance_low: PerContact
     coupling: PerCompliance  # B, m/N
-    connection: SoftenedConnections | None
+    connection: StiffenedConnections
 
 
 class SavedMotion(NamedTuple):
@@ -121,11 +123,11 @@ class SavedMotion(NamedTuple):
 
     q: PerMode
     p: PerMode
-    kick_compensation: PerMode
+    kick_compensation: PerHeavyMode
     compression: PerContact
     compression_compensation: PerContact
     contact_force: PerContact
-    friction: Annotated[np.ndarray, Items(Axis.CONTACT, columns=len(Sliding))] | None
+    law_numbers: PerLaw
     extension: PerConnection
     extension_compensation: PerConnection
     energy_totals: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(EnergyTotal))]
@@ -161,7 +163,7 @@ class FreeFlightState(NamedTuple):
     frame: Annotated[np.ndarray, Items(Axis.ISLAND, np.int64, len(FlightFrame))]
     q: PerMode  # √kg·m, the saved motion: that at the begin of the flight, or since taken on by single steps
     p: PerMode  # √kg·m/s
-    kick_compensation: PerMode
+    kick_compensation: PerHeavyMode
     energy_totals: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(EnergyTotal))]  # J
     ledger: Annotated[np.ndarray, Items(Axis.ISLAND, columns=len(Ledger))]  # J, at the begin of a flight or of sleep
     pickup_values: Annotated[np.ndarray, Items(Axis.PICKUP, columns=FLIGHT_FRAMES)]  # m or m/s, at each pickup
@@ -170,7 +172,7 @@ class FreeFlightState(NamedTuple):
 
 
 class State(NamedTuple):
-    """Everything that changes. A field is None where no effect needs it.
+    """Everything that changes.
 
     While an island flies free (`flight`), its motion is already that at the end of the flight.
     """
@@ -178,7 +180,7 @@ class State(NamedTuple):
     frame: PerPartitionInt  # samples rendered so far
     q: PerMode  # √kg·m, displacement
     p: PerMode  # √kg·m/s, momentum
-    kick_compensation: PerMode  # rounding carried from kick to kick, of weights (Kahan)
+    kick_compensation: PerHeavyMode  # rounding carried from kick to kick, of weights (Kahan)
     push: PerMode  # √kg·m/s: what forces give each mode in half a kick; 0 between steps
     drift_momentum: PerMode  # √kg·m/s: of the coming drift, by all but the forces of its step
     drift_loss: PerIsland  # J: what modes lose before the coming drift
@@ -192,11 +194,11 @@ class State(NamedTuple):
     free_displacement: PerContact  # m: g, the change of compression without contact force
     contact_force: PerContact  # N, mean over the last step
     external_force: PerForce  # N, mean over the present step
-    friction: Annotated[np.ndarray, Items(Axis.CONTACT, columns=len(Sliding))] | None
-    drive: Annotated[np.ndarray, Items(Axis.DRIVE, columns=DRIVE_FRAMES)] | None  # N, at each frame modulo their number
-    connection: ConnectionState | None
-    tension: TensionState | None
-    scratch: Scratch | None  # for coupled contacts
+    law_numbers: PerLaw  # of contacts whose law has more than coefficient and exponent, such as points of friction
+    drive: Annotated[np.ndarray, Items(Axis.DRIVE, columns=DRIVE_FRAMES)]  # N, at each frame modulo their number
+    connection: ConnectionState
+    tension: TensionState
+    scratch: Scratch  # for coupled contacts
     refinement: RefinementState | None
     flight: FreeFlightState
     solve_budget: PerIslandInt  # further rounds and line searches left to coupled solves

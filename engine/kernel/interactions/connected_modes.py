@@ -7,6 +7,7 @@ import numpy as np
 
 from engine.compiler.decorators import INT64_0, INT64_1, inline, noinline
 from engine.compiler.lanes import lane_sum, multiply_add, number_at, place_after, splat
+from engine.kernel.data.effects import DRAG, EFFECTS, WEIGHT
 from engine.kernel.interactions.connections import clear, connection_energy, has_connections
 from engine.kernel.modes.mode_energies import vibration_energy_of
 from engine.kernel.modes.moving_modes import PushedPoint, count_loss, move_pushed_rows, move_some_modes, plain_step
@@ -17,7 +18,7 @@ from engine.kernel.modes.potential import add_elastic, add_potential, potential_
 @inline
 def move_connected_modes(connection, pushes, h, state):
     """Move all modes by a step, with the forces of connections, and find how far these move, in this step and in the
-    next. Returns the energy lost, J.
+    next. Weight and drag are not read if the modes of the island have none. Returns the energy lost, J.
 
     pushes: State.push, or None if it is all zeros
     """
@@ -25,19 +26,10 @@ def move_connected_modes(connection, pushes, h, state):
     clear(connection_state.move)
     clear(connection_state.free_move)
     connection_state.is_move_known[0] = 1
-    return move_as_modes_allow(h.weight_kick, h.drag, pushes, connection, h, state)
-
-
-@inline
-def move_as_modes_allow(weight_kick, drag, pushes, connection, h, state):
-    """Move all modes, without reading the weight and the drag if the modes of the island have none. Returns the energy
-    lost, J."""
-    if weight_kick is None:
-        if drag is None:
-            return move_groups(connection, pushes, plain_step(h), 0.5, state)
-    if connection.is_plain[0] != 0:
-        return move_groups(connection, pushes, plain_step(h), 0.5, state)
-    return move_groups(connection, pushes, h, 1.0, state)
+    if EFFECTS & (WEIGHT | DRAG):
+        if connection.is_plain[0] == 0:
+            return move_groups(connection, pushes, h, 1.0, state)
+    return move_groups(connection, pushes, plain_step(h), 0.5, state)
 
 
 @inline
@@ -165,13 +157,11 @@ def add_move(connection, r, now, then, connection_state):
 
 
 @inline
-def amplitude_of_connected(model, connection, seconds, state):
+def amplitude_of_connected(model, seconds, state):
     """√(2E) of what is connected, √J, E without the energy of weight; at most, for so many seconds."""
-    amplitude = 0.0
-    if connection is not None:
-        if has_connections(connection, state):
-            amplitude = connected_amplitude(model, connection, seconds, state)
-    return amplitude
+    if has_connections(state):
+        return connected_amplitude(model, model.connection, seconds, state)
+    return 0.0
 
 
 @noinline
@@ -189,18 +179,16 @@ def add_connected(of, m, sums):
     connection, potential, state = of
     q, p, share = number_at(state.q, m), number_at(state.p, m), 1.0 - number_at(connection.is_unconnected, m)
     vibration = add_elastic(potential.omega_squared, m, q, p * p)
-    return sums[0] + share * vibration, sums[1] + share * squared_pull(potential.weight, m, q)
+    return sums[0] + share * vibration, sums[1] + share * squared_pull(potential.weight, m)
 
 
 @inline
-def energy_of_connected(model, connection, state):
+def energy_of_connected(model, state):
     """Energy of vibration of what is connected, J: beyond that of its rest, and beyond what `vibration_energy` counts
     of its modes."""
-    energy = 0.0
-    if connection is not None:
-        if has_connections(connection, state):
-            energy = connected_energy(connection, potential_of(model), state)
-    return energy
+    if has_connections(state):
+        return connected_energy(model.connection, potential_of(model), state)
+    return 0.0
 
 
 @noinline

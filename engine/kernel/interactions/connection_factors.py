@@ -9,6 +9,7 @@ what the connections hold: B_kk - B_kc·Y·B_ck.
 """
 
 from engine.compiler.decorators import INT64_0, inline, noinline
+from engine.kernel.data.effects import CONTACTS, EFFECTS, SEVERAL
 from engine.kernel.modes.ordered_sums import add_products, sum_products
 
 
@@ -16,7 +17,7 @@ from engine.kernel.modes.ordered_sums import add_products, sum_products
 def update_factors(connection, h, contact, state):
     """Compute the factors of a step again where the stiffness or the damping has changed since they were made.
 
-    h, contact: ConnectionCoefficients, and ContactCoefficients or None
+    h, contact: ConnectionCoefficients and ContactCoefficients
     """
     connection_state = state.connection
     for i in range(connection_state.extension.shape[0]):
@@ -157,24 +158,23 @@ def subtract_row(matrix, i, other, j, n, factor):
 @inline
 def reduce_contact_compliance(h, contact, connection_state):
     """Compute the compliance of each contact again, with the present X and Y of the connections."""
-    if contact is not None:
+    if EFFECTS & CONTACTS:
         contacts = contact.compliance.shape[0]
         for j in range(contacts):
             find_held(h, j, connection_state)
             contact.compliance[j] = reduced_compliance(h, contacts, j, j, connection_state)
             contact.compliance_low[j] = 0.0
-            reduce_coupling(h, contact.coupling, j, contacts, connection_state)
+            if EFFECTS & SEVERAL:
+                reduce_coupling(h, contact.coupling, j, contacts, connection_state)
 
 
 @inline
 def reduce_coupling(h, coupling, j, contacts, connection_state):
-    """Compute the compliance of each contact to contact j again; `coupling` is None if no island has several
-    contacts."""
-    if coupling is not None:
-        for k in range(j):  # it is symmetric
-            coupling[k * contacts + j] = reduced_compliance(h, contacts, k, j, connection_state)
-            coupling[j * contacts + k] = coupling[k * contacts + j]
-        coupling[j * contacts + j] = reduced_compliance(h, contacts, j, j, connection_state)
+    """Compute the compliance of each contact to contact j again."""
+    for k in range(j):  # it is symmetric
+        coupling[k * contacts + j] = reduced_compliance(h, contacts, k, j, connection_state)
+        coupling[j * contacts + k] = coupling[k * contacts + j]
+    coupling[j * contacts + j] = reduced_compliance(h, contacts, j, j, connection_state)
 
 
 @inline

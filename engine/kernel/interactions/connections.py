@@ -12,11 +12,12 @@ import numpy as np
 
 from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.compiler.elementary import expm1_of
+from engine.kernel.data.effects import CONNECTIONS, EFFECTS
 from engine.kernel.data.enums import EventKind
 from engine.kernel.interactions.connection_factors import update_factors
 from engine.kernel.interactions.contacts import contact_number
 from engine.kernel.modes.mode_step import forget_drift
-from engine.kernel.modes.ordered_sums import add_products, copy_or_back, sum_products
+from engine.kernel.modes.ordered_sums import add_products, sum_products
 from engine.kernel.modes.point_rows import (
     displacement_at_row,
     project,
@@ -27,27 +28,18 @@ from engine.kernel.modes.point_rows import (
 
 
 @inline
-def count_connections(connection, state):
-    """Number of coordinates that the connections of the island have."""
-    if connection is None:
-        return INT64_0
-    return state.connection.extension.shape[0]
-
-
-@inline
-def has_connections(connection, state):
+def has_connections(state):
     """True if anything in the island is connected."""
-    if connection is None:
-        return False
-    return state.connection.extension.shape[0] > 0
+    if EFFECTS & CONNECTIONS:
+        return state.connection.extension.shape[0] > 0
+    return False
 
 
 @inline
-def forget_near_contacts(connection_state):
-    """Mark state.connection.near as out of date, because other contacts may close. connection_state: ConnectionState or
-    None"""
-    if connection_state is not None:
-        connection_state.near.until[0] = 0
+def forget_near_contacts(state):
+    """Mark state.connection.near as out of date, because other contacts may close."""
+    if EFFECTS & CONNECTIONS:
+        state.connection.near.until[0] = 0
 
 
 # --- within a step
@@ -61,7 +53,8 @@ def product_at(matrix, i, x):
 
 @inline
 def project_rows(connection, h, p, moves):
-    """Add how far a drift with momenta p moves each row of connections to the moves of their coordinates, m."""
+    """Add how far a drift with momenta p moves each row of connections to the moves of their coordinates, m.
+    h: ConnectionCoefficients"""
     for r in range(connection.coordinate.shape[0]):
         moves[connection.coordinate[r]] += project_drift(connection.rows, h.rows, r, p)
 
@@ -75,74 +68,63 @@ def clear(values):
 
 @inline
 def find_connection_forces(connection, h, state):
-    """Find the forces of connections, if no contact pushes."""
-    if connection is not None:
-        connection_state = state.connection
-        if connection_state.extension.shape[0] > 0:
-            update_factors(connection, h.connection, h.contact, state)
-            find_forces(connection, h, state)
+    """Find the forces of connections, if no contact pushes. h: StepCoefficients"""
+    if has_connections(state):
+        update_factors(connection, h.connection, h.contact, state)
+        find_forces(connection, h.connection, state)
 
 
 @inline
 def find_forces(connection, h, state):
-    """Find the forces of connections by the factors of h, StepCoefficients."""
-    connection_state = state.connection
-    if connection_state.is_move_known[0] == 0:
-        clear(connection_state.free_move)
-        project_rows(connection, h.connection, state.drift_momentum, connection_state.free_move)
-    clear(connection_state.force)
-    add_products(h.connection.force_per_extension, connection_state.extension, connection_state.force)
-    add_products(h.connection.force_per_move, connection_state.free_move, connection_state.force)
+    """Find the forces of connections by the factors of h, ConnectionCoefficients."""
+    of = state.connection
+    if of.is_move_known[0] == 0:
+        clear(of.free_move)
+        project_rows(connection, h, state.drift_momentum, of.free_move)
+    clear(of.force)
+    add_products(h.force_per_extension, of.extension, of.force)
+    add_products(h.force_per_move, of.free_move, of.force)
 
 
 @noinline
 def push_by_connections(connection, h, state):
     """Do half a kick by all connections, keep it for the second one, and measure how far the coming drift changes each
-    extension. The moves of the next step are not known then."""
-    if connection is not None:
-        connection_state = state.connection
+    extension. The moves of the next step are not known then. h: ConnectionCoefficients"""
+    if EFFECTS & CONNECTIONS:
         for r in range(connection.coordinate.shape[0]):
-            force = -connection_state.force[connection.coordinate[r]]
-            push_both_at_row(connection.rows, h.connection.rows, r, force, state)
+            force = -state.connection.force[connection.coordinate[r]]
+            push_both_at_row(connection.rows, h.rows, r, force, state)
         measure_moves(connection, h, state)
-        connection_state.is_move_known[0] = 0
+        state.connection.is_move_known[0] = 0
 
 
 @inline
 def measure_moves(connection, h, state):
-    """Measure how far the coming drift changes each extension."""
-    if connection is not None:
+    """Measure how far the coming drift changes each extension. h: ConnectionCoefficients"""
+    if EFFECTS & CONNECTIONS:
         clear(state.connection.move)
-        project_rows(connection, h.connection, state.drift_momentum, state.connection.move)
+        project_rows(connection, h, state.drift_momentum, state.connection.move)
 
 
 @inline
-def answer_contacts(connection, h, reach, state):
-    """Correct the forces of connections for how far the contact forces move these."""
-    if connection is not None:
-        connection_state, n = state.connection, state.connection.move.shape[0]
-        clear(connection_state.move)
+def answer_contacts(h, reach, state):
+    """Correct the forces of connections for how far the contact forces move these. h: ConnectionCoefficients"""
+    if EFFECTS & CONNECTIONS:
+        move = state.connection.move
+        clear(move)
         for k in range(reach.size):
             f = state.contact_force[contact_number(reach.numbers, k)]
             if f != 0.0:
-                for i in range(n):
-                    connection_state.move[i] -= reach.moves[k * n + i] * f
-        add_products(h.connection.force_per_move, connection_state.move, connection_state.force)
+                for i in range(move.shape[0]):
+                    move[i] -= reach.moves[k * move.shape[0] + i] * f
+        add_products(h.force_per_move, move, state.connection.force)
 
 
 @inline
-def moves_of_connections(connection, h):
-    """Return how far a force at the contact moves each connection, m/N; None in a scene without connections."""
-    if connection is None:
-        return None
-    return h.connection.contact_moves
-
-
-@inline
-def moved_by_connections(connection, moves, state):
-    """Return how far the forces of connections move the contact in the coming drift, m."""
+def moved_by_connections(moves, state):
+    """Return how far the forces of connections move the contact in the coming drift, m. moves: by a force at it, m/N"""
     moved = 0.0
-    if connection is not None:
+    if EFFECTS & CONNECTIONS:
         f = state.connection.force
         for i in range(f.shape[0]):
             moved += moves[i] * f[i]
@@ -150,28 +132,21 @@ def moved_by_connections(connection, moves, state):
 
 
 @inline
-def finish_connections(connection, h, state):
-    """Update the extension of each connection. Returns the energy that dampers have taken, J.
+def finish_connections(h, state):
+    """Add the move of each connection to its extension. What is too small to add is carried to the next step (Kahan).
+    Returns the energy that dampers have taken, J. h: ConnectionCoefficients
 
     The moves are measured: the rounding of g - B·f would have the same sign in each step, and add up.
     """
     lost = 0.0
-    if connection is not None:
-        lost = extend_connections(h.connection.step_rate, state.connection)
-    return lost
-
-
-@inline
-def extend_connections(step_rate, connection_state):
-    """Add the move of each connection to its extension. What is too small to add is carried to the next step (Kahan).
-    Returns the energy that dampers have taken, J."""
-    lost = 0.0
-    for i in range(connection_state.move.shape[0]):
-        before, move = connection_state.extension[i], connection_state.move[i]
-        lost += connection_state.damping[i] * step_rate[i] * move * move
-        more = move + connection_state.extension_compensation[i]
-        connection_state.extension[i] = before + more
-        connection_state.extension_compensation[i] = more - (connection_state.extension[i] - before)
+    if EFFECTS & CONNECTIONS:
+        of = state.connection
+        for i in range(of.move.shape[0]):
+            before, move = of.extension[i], of.move[i]
+            lost += of.damping[i] * h.step_rate[i] * move * move
+            more = move + of.extension_compensation[i]
+            of.extension[i] = before + more
+            of.extension_compensation[i] = more - (of.extension[i] - before)
     return lost
 
 
@@ -179,19 +154,11 @@ def extend_connections(step_rate, connection_state):
 
 
 @inline
-def copy_extensions(connection_state, saved, is_back):
-    """Copy the extensions to a SavedMotion, or back. connection_state: ConnectionState or None"""
-    if connection_state is not None:
-        copy_or_back(connection_state.extension, saved.extension, is_back)
-        copy_or_back(connection_state.extension_compensation, saved.extension_compensation, is_back)
-
-
-@inline
 def connection_energy(connection, state):
     """Energy that the connections hold, ½·s·K·s, J. That of string ends does not include what their strings hold while
     the ends are at rest."""
     total = 0.0
-    if connection is not None:
+    if EFFECTS & CONNECTIONS:
         s = state.connection.extension
         for i in range(s.shape[0]):
             total += 0.5 * s[i] * (state.connection.stiffness[i] * s[i] + product_at(connection.coupling, i, s))
@@ -202,10 +169,9 @@ def connection_energy(connection, state):
 def damp_connections(connection, duration, is_end, state):
     """Let all dampers act outside the step for a duration, s, one after the other; at its end in the reverse order.
     Relative velocities fall as e^(-r·W·t), W = Φ·Φᵀ. Returns the energy lost, J."""
-    lost = 0.0
-    if connection is not None:
-        lost = damp_each(connection, duration, is_end, state.connection.damping, state)
-    return lost
+    if EFFECTS & CONNECTIONS:
+        return damp_each(connection, duration, is_end, state.connection.damping, state)
+    return 0.0
 
 
 @noinline
@@ -245,16 +211,15 @@ def damp_coordinate(connection, i, impulse, p):
 @inline
 def reset_connections(connection, state):
     """Read the extensions from the modes; those of rigid connections stay as they are."""
-    if connection is not None:
-        connection_state = state.connection
-        connection_state.is_move_known[0] = connection_state.near.until[0] = 0
-        for i in range(connection_state.extension.shape[0]):
-            if connection.is_rigid[i] == 0:
-                connection_state.extension[i] = -connection_state.rest[i]
-                connection_state.extension_compensation[i] = 0.0
-        for r in range(connection.coordinate.shape[0]):
-            if connection.is_rigid[connection.coordinate[r]] == 0:
-                connection_state.extension[connection.coordinate[r]] += project(connection.rows, r, state.q)
+    of = state.connection
+    of.is_move_known[0] = of.near.until[0] = 0
+    for i in range(of.extension.shape[0]):
+        if connection.is_rigid[i] == 0:
+            of.extension[i] = -of.rest[i]
+            of.extension_compensation[i] = 0.0
+    for r in range(connection.coordinate.shape[0]):
+        if connection.is_rigid[connection.coordinate[r]] == 0:
+            of.extension[connection.coordinate[r]] += project(connection.rows, r, state.q)
 
 
 # --- events
@@ -263,19 +228,16 @@ def reset_connections(connection, state):
 @inline
 def shift_connections(connection, state, m, change):
     """Let the extensions of connections follow a change of mode m."""
-    if connection is not None:
-        for r in range(connection.coordinate.shape[0]):
-            move = displacement_at_row(connection.rows, r, m, change)
-            if move != 0.0:
-                state.connection.extension[connection.coordinate[r]] += move
-                state.connection.extension_compensation[connection.coordinate[r]] = 0.0
+    for r in range(connection.coordinate.shape[0]):
+        move = displacement_at_row(connection.rows, r, m, change)
+        if move != 0.0:
+            state.connection.extension[connection.coordinate[r]] += move
+            state.connection.extension_compensation[connection.coordinate[r]] = 0.0
 
 
 @inline
-def connection_parameter(connection, kind, i, state):
+def connection_parameter(kind, i, state):
     """Return what an event of a kind changes of coordinate i: its stiffness (N/m), damping (kg/s) or rest (m)."""
-    if connection is None:
-        return 0.0
     if kind == EventKind.CONNECTION_STIFFNESS:
         return state.connection.stiffness[i]
     if kind == EventKind.CONNECTION_DAMPING:
@@ -284,17 +246,16 @@ def connection_parameter(connection, kind, i, state):
 
 
 @inline
-def set_connection_parameter(connection, kind, span, value, state):
+def set_connection_parameter(kind, span, value, state):
     """Set this parameter of coordinates. span: the first, and the last + 1"""
-    if connection is not None:
-        connection_state = state.connection
-        if connection_state.lowest_energy[0] != 0.0 or kind == EventKind.CONNECTION_REST:
-            connection_state.lowest_energy[0] = -math.inf  # what is under load may rest at any energy by now
-        for i in range(span[0], span[1]):
-            if kind == EventKind.CONNECTION_STIFFNESS:
-                connection_state.stiffness[i] = value
-            elif kind == EventKind.CONNECTION_DAMPING:
-                connection_state.damping[i] = value
-            else:
-                connection_state.extension[i] -= value - connection_state.rest[i]
-                connection_state.rest[i] = value
+    of = state.connection
+    if of.lowest_energy[0] != 0.0 or kind == EventKind.CONNECTION_REST:
+        of.lowest_energy[0] = -math.inf  # what is under load may rest at any energy by now
+    for i in range(span[0], span[1]):
+        if kind == EventKind.CONNECTION_STIFFNESS:
+            of.stiffness[i] = value
+        elif kind == EventKind.CONNECTION_DAMPING:
+            of.damping[i] = value
+        else:
+            of.extension[i] -= value - of.rest[i]
+            of.rest[i] = value

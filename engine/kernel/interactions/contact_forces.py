@@ -8,118 +8,111 @@ import math
 from typing import NamedTuple
 
 from engine.compiler.decorators import FALSE, INT64_0, INT64_1, TRUE, inline
-from engine.kernel.contact.contact_law import (
-    end_force_of,
-    energy_gained,
-    force_of_lossy_law,
-    law_in_step,
-    step_start,
-)
 from engine.kernel.contact.coupled_contact_solver import NO_CAP, CoupledProblem, solve_coupled
-from engine.kernel.contact.friction_law import slides
+from engine.kernel.contact.law import (
+    driven_move,
+    energy_created,
+    free_end,
+    laws_in_step,
+    may_act,
+    settle_alone,
+    settle_together,
+    solve_alone,
+    step_start,
+    store_solution,
+    takes_part,
+)
 from engine.kernel.contact.persistent_contact_solver import solve_persistent
-from engine.kernel.contact.scalar_contact_solver import ContactEquation, solve_scalar_contact
+from engine.kernel.contact.power_law import end_force_of, energy_gained, force_of_lossy_law
+from engine.kernel.contact.scalar_contact_solver import ContactEquation
+from engine.kernel.data.effects import CONNECTIONS, EFFECTS, SEVERAL
 from engine.kernel.data.enums import Row, SolveStatus
 from engine.kernel.interactions.connections import (
     answer_contacts,
     has_connections,
     moved_by_connections,
-    moves_of_connections,
     push_by_connections,
 )
 from engine.kernel.interactions.contacts import (
-    Reach,
-    Touch,
+    ContactOutcome,
+    ContactsInReach,
     contact_number,
     count_outcome,
-    energy_created,
     free_displacement_at,
     has_contacts,
-    is_closing,
-    measured_miss,
+    measured_residual,
     must_be_measured,
-    no_touch,
-    open_compression,
+    outcome_without_push,
     push_by_reach,
-    store_solution,
 )
-from engine.kernel.interactions.friction import choose_alone, choose_together, has_friction, surface_move
-from engine.kernel.interactions.near_contacts import are_all_left_out, contacts_in_reach
+from engine.kernel.interactions.near_contacts import contacts_in_reach, leave_out_far_contacts
 from engine.kernel.modes.mode_step import forget_drift, kinetic_energy, rescale_kinetic_energy
 
 
 @inline
-def push_by_contacts(model, contact, h, settings, is_forced, state):
-    """Find the forces of contacts, and let them push. Returns a Touch.
+def push_by_contacts(model, settings, is_forced, state):
+    """Find the forces of contacts, and let them push. Returns a ContactOutcome.
 
-    h:         ContactCoefficients or None
     settings:  StepSettings
     is_forced: True if external forces have pushed
     """
-    if contact is None:
-        return no_touch(SolveStatus.FREE, INT64_0)
-    if settings.is_free or not has_contacts(contact, state):
-        return no_touch(SolveStatus.FREE, INT64_0)
-    return push_by_one_or_several(model, contact, h.coupling, settings, is_forced, state)
-
-
-@inline
-def push_by_one_or_several(model, contact, coupling, settings, is_forced, state):
-    """Find the forces of contacts, and let them push. Returns a Touch. coupling: None if no island has several"""
-    if coupling is not None:
+    if settings.is_free or not has_contacts(state):
+        return outcome_without_push(SolveStatus.FREE, INT64_0)
+    if EFFECTS & SEVERAL:
         if state.compression.shape[0] > 1:
-            return push_by_several_contacts(model, contact, settings, is_forced, state)
-    return push_by_only_contact(model, contact, settings, is_forced, state)
+            return push_by_several_contacts(model, settings, is_forced, state)
+    return push_by_only_contact(model, settings, is_forced, state)
 
 
 @inline
-def finish_contacts(touch, state):
+def finish_contacts(outcome, state):
     """Take from the kinetic energy, at the end of a step, what a capped solve created, or give it what that solve took;
     what cannot be taken at once is owed. Returns the energy that contacts have taken, J."""
-    owed, paid = state.energy_debt[0] + touch.excess, 0.0
-    if touch.status != SolveStatus.FREE and owed != 0.0:
+    owed, paid = state.energy_debt[0] + outcome.excess, 0.0
+    if outcome.status != SolveStatus.FREE and owed != 0.0:
         paid = rescale_kinetic_energy(owed, state.p)
         state.energy_debt[0] = max(0.0, owed - paid)
         forget_drift(state)
-    return touch.dissipated + (paid - touch.excess)
+    return outcome.dissipated + (paid - outcome.excess)
 
 
 # --- an only contact
 
 
 @inline
-def push_by_only_contact(model, contact, settings, is_forced, state):
-    """Find the force of the only contact of an island, and let it push. Returns a Touch."""
-    h, connection = settings.h, model.connection
-    if are_all_left_out(connection, model, settings, state):
-        return no_touch(SolveStatus.FREE, INT64_0)
-    s, moves = state.compression[0], moves_of_connections(connection, h)
-    g = free_displacement_at(contact, contact.other_rows, h.contact, INT64_0, state.drift_momentum)
-    g -= moved_by_connections(connection, moves, state) + surface_move(state.friction, h.contact.duration, INT64_0)
-    if not is_closing(state.friction, INT64_0, s, g):
-        state.compression[0], state.contact_force[0] = open_compression(state.friction, INT64_0, s, g), 0.0
-        return no_touch(SolveStatus.FREE, INT64_0)
+def push_by_only_contact(model, settings, is_forced, state):
+    """Find the force of the only contact of an island, and let it push. Returns a ContactOutcome."""
+    h, contact = settings.h, model.contact
+    if EFFECTS & CONNECTIONS:
+        if leave_out_far_contacts(model, settings, state) and state.connection.near.size[0] == 0:
+            return outcome_without_push(SolveStatus.FREE, INT64_0)
+    s, moves = state.compression[0], h.connection.contact_moves
+    g = free_displacement_at(contact, h.contact, INT64_0, state.drift_momentum)
+    g -= moved_by_connections(moves, state) - driven_move(state, h.contact.duration, INT64_0)
+    if not may_act(state, INT64_0, s, g):
+        state.compression[0], state.contact_force[0] = free_end(state, INT64_0, s, g), 0.0
+        return outcome_without_push(SolveStatus.FREE, INT64_0)
     eta, b, f, evaluations, status = solve_only_contact(contact, h.contact, s, g, state)
     if status == SolveStatus.FAILED:
-        return no_touch(status, evaluations)
-    law = law_in_step(contact, h.contact, state)
-    reach = Reach(INT64_1, None, state.compression, None, law, None, moves)
-    answer_contacts(connection, h, reach, state)
+        return outcome_without_push(status, evaluations)
+    law = laws_in_step(h.contact, state)
+    reach = ContactsInReach(INT64_1, None, state.compression, None, law, None, moves)
+    answer_contacts(h.connection, reach, state)
     is_measured, point_force = must_be_measured(h.contact, state, INT64_0, s, eta, f), 0.0
-    if is_forced or is_measured or has_connections(connection, state) or h.contact.only_kick_phi is None:
+    if is_forced or is_measured or has_connections(state):
         push_by_reach(contact, h.contact, reach, state)
     else:
         point_force = -f
     if is_forced or is_measured:
-        push_by_connections(connection, h, state)
+        push_by_connections(model.connection, h.connection, state)
     residual = (g - eta) - h.contact.compliance[0] * f
     if is_measured:
-        residual = measured_miss(contact, h.contact, state, INT64_0, eta, f)
+        residual = measured_residual(contact, h.contact, state, INT64_0, eta, f)
     end_force, excess = end_force_of(law, INT64_0, b), 0.0
-    lost = store_solution(contact, h.contact, state, INT64_0, (eta, b, f, f, end_force), residual)
+    lost = store_solution(h.contact, state, INT64_0, (eta, b, f, f, end_force), residual)
     if is_measured:
-        excess = energy_created(contact, state, INT64_0, s, lost, f)
-    return Touch(status, evaluations, lost, excess, is_forced or is_measured, point_force)
+        excess = energy_created(state, INT64_0, s, lost, f)
+    return ContactOutcome(status, evaluations, lost, excess, is_forced or is_measured, point_force)
 
 
 @inline
@@ -130,11 +123,11 @@ def solve_only_contact(contact, h, s, g, state):
     h:    ContactCoefficients
     s, g: compression, and how the coming drift changes it without the force, m
     """
-    choose_alone(state.friction, INT64_0, s, g, h)
-    law = law_in_step(contact, h, state)
+    law = laws_in_step(h, state)
+    settle_alone(law, INT64_0, s, g, h)
     start = step_start(law, INT64_0, s)
     equation = ContactEquation(law, INT64_0, start, g, h.compliance[0], contact.tolerance)
-    eta, b, f, _, evaluations, status = solve_scalar_contact(equation, 0.0)
+    eta, b, f, _, evaluations, status = solve_alone(equation, 0.0)
     if not math.isfinite(eta + b + f):
         status = SolveStatus.FAILED
     count_outcome(state, evaluations, status)
@@ -156,22 +149,22 @@ class ContactSolution(NamedTuple):
 
 
 @inline
-def push_by_several_contacts(model, contact, settings, is_forced, state):
-    """Find the forces of several contacts, and let them push. Returns a Touch."""
-    h, connection = settings.h, model.connection
-    reach = contacts_in_reach(connection, model, settings, state)
+def push_by_several_contacts(model, settings, is_forced, state):
+    """Find the forces of several contacts, and let them push. Returns a ContactOutcome."""
+    h, contact = settings.h, model.contact
+    reach = contacts_in_reach(model, settings, state)
     if not is_any_closing(reach):
         open_contacts(reach, state)
-        return no_touch(SolveStatus.FREE, INT64_0)
+        return outcome_without_push(SolveStatus.FREE, INT64_0)
     solution = solve_several_contacts(contact, h.contact, reach, contact.max_rounds, state)
     if solution.status == SolveStatus.FAILED:
-        return no_touch(solution.status, solution.evaluations)
-    answer_contacts(connection, h, reach, state)
+        return outcome_without_push(solution.status, solution.evaluations)
+    answer_contacts(h.connection, reach, state)
     push_by_reach(contact, h.contact, reach, state)
     if is_forced or solution.is_measured:
-        push_by_connections(connection, h, state)
+        push_by_connections(model.connection, h.connection, state)
     lost, excess = store_several_contacts(contact, h.contact, reach, solution, state)
-    return Touch(solution.status, solution.evaluations, lost, excess, is_forced or solution.is_measured, 0.0)
+    return ContactOutcome(solution.status, solution.evaluations, lost, excess, is_forced or solution.is_measured, 0.0)
 
 
 # --- the forces are found
@@ -182,7 +175,8 @@ def is_any_closing(reach):
     """True if a contact is closed, or would be closed at the end of the step; or a point of friction may have a
     force."""
     for n in range(reach.size):
-        if is_closing(reach.law.friction, n, reach.compression[n], reach.free_displacement[n]):
+        s, g = reach.compression[n], reach.free_displacement[n]
+        if may_act(reach.law, n, s, g):
             return True
     return False
 
@@ -192,7 +186,7 @@ def open_contacts(reach, state):
     """Store the compressions at the end of a step in which all contacts are open, and forces of zero."""
     for n in range(reach.size):
         k = contact_number(reach.numbers, n)
-        state.compression[k] = open_compression(reach.law.friction, n, reach.compression[n], reach.free_displacement[n])
+        state.compression[k] = free_end(reach.law, n, reach.compression[n], reach.free_displacement[n])
         state.contact_force[k] = 0.0
 
 
@@ -202,15 +196,15 @@ def solve_several_contacts(contact, h, reach, max_rounds, state):
     s, g = reach.compression, reach.free_displacement
     problem = CoupledProblem(reach.law, reach.coupling, s, g, contact.tolerance, state.scratch)
     rounds, status, excess, is_persistent = INT64_0, SolveStatus.NEWTON, 0.0, TRUE
-    if has_friction(contact.friction):
-        max_rounds = NO_CAP  # the energy of forces off their laws is known of contacts alone
+    if contact.has_power_laws[0] == 0:
+        max_rounds = NO_CAP  # the energy of forces off their laws is known of power laws alone
     else:
         rounds = solve_persistent(problem)
     if rounds == 0:
         rounds, status, excess = find_coupled_forces(reach, problem, max_rounds, state)
         is_persistent = FALSE
         choices = INT64_0
-        while choose_together(contact.friction, h, reach, choices, state):
+        while settle_together(contact, h, reach, choices, state):
             choices += 1
             more, status, excess = find_coupled_forces(reach, problem, max_rounds, state)
             rounds += more
@@ -246,14 +240,14 @@ def find_coupled_forces(reach, problem, max_rounds, state):
 def store_several_contacts(contact, h, reach, solution, state):
     """Store the solutions of several contacts of an island. Returns the energy lost, and created, J."""
     vectors, lost, excess = state.scratch.vectors, 0.0, solution.excess
-    law = law_in_step(contact, h, state)
+    law = laws_in_step(h, state)
     if solution.is_measured:
-        measure_misses(contact, h, reach, state)
+        measure_residuals(contact, h, reach, state)
         excess = 0.0
     for n in range(reach.size):
         k, s, eta, b = contact_number(reach.numbers, n), reach.compression[n], vectors[Row.STEP, n], vectors[Row.END, n]
-        f, residual = vectors[Row.FORCE, n], vectors[Row.MISS, n]
-        if not (takes_part(s, b, f) or slides(state.friction, k)):
+        f, residual = vectors[Row.FORCE, n], vectors[Row.STEP_RESIDUAL, n]
+        if not takes_part(law, k, s, b, f):
             state.compression[k], state.contact_force[k] = b, 0.0
             state.compression_compensation[k] += residual
             continue
@@ -262,31 +256,23 @@ def store_several_contacts(contact, h, reach, solution, state):
             law_force = force_of_lossy_law(law, k, s, eta, f)
         end_force = vectors[Row.END_FORCE, n] if solution.is_persistent else end_force_of(law, k, b)
         values = eta, b, f, law_force, end_force
-        lost_at_contact = store_solution(contact, h, state, k, values, residual)
+        lost_at_contact = store_solution(h, state, k, values, residual)
         lost += lost_at_contact
         if solution.is_measured:
-            if slides(state.friction, k):
-                continue  # the energy lost holds all
             if solution.is_persistent:
                 gained = energy_gained(law, k, state.compression[k] - s, values)
                 excess += gained + lost_at_contact - f * state.free_displacement[k]
             else:
-                excess += energy_created(contact, state, k, s, lost_at_contact, f)
+                excess += energy_created(state, k, s, lost_at_contact, f)
     return lost, excess
 
 
 @inline
-def takes_part(s, b, f):
-    """True if a contact has a force or energy in this step."""
-    return f != 0.0 or s > 0.0 or b > 0.0
-
-
-@inline
-def measure_misses(contact, h, reach, state):
+def measure_residuals(contact, h, reach, state):
     """Measure MISS of the contacts that take part, from the momenta of the drift."""
     vectors = state.scratch.vectors
     for n in range(reach.size):
         eta, f = vectors[Row.STEP, n], vectors[Row.FORCE, n]
         k = contact_number(reach.numbers, n)
-        if takes_part(reach.compression[n], vectors[Row.END, n], f) or slides(state.friction, k):
-            vectors[Row.MISS, n] = measured_miss(contact, h, state, k, eta, f)
+        if takes_part(state, k, reach.compression[n], vectors[Row.END, n], f):
+            vectors[Row.STEP_RESIDUAL, n] = measured_residual(contact, h, state, k, eta, f)

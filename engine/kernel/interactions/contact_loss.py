@@ -9,7 +9,8 @@ import math
 
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
 from engine.compiler.elementary import expm1_of
-from engine.kernel.contact.contact_law import elastic_force
+from engine.kernel.contact.power_law import elastic_force, elastic_law
+from engine.kernel.data.effects import CONTACT_LOSS, EFFECTS, TWO_BODIES
 from engine.kernel.modes.mode_step import forget_drift
 from engine.kernel.modes.point_rows import project, push_at_row
 
@@ -18,46 +19,46 @@ MIN_SHARE_LEFT = 0.5  # of a compression: where less is left at the end of a sam
 
 
 @inline
-def relative_velocity(contact, other_rows, k, p):
+def relative_velocity(contact, k, p):
     """Velocity at which contact k closes, m/s."""
     velocity = project(contact.rows, k, p)
-    if other_rows is not None:
-        velocity += project(other_rows, k, p)
+    if EFFECTS & TWO_BODIES:
+        velocity += project(contact.other_rows, k, p)
     return velocity
 
 
 @inline
-def push_apart(contact, other_rows, k, impulse, p):
+def push_apart(contact, k, impulse, p):
     """Push the bodies of contact k apart by an impulse, N·s."""
     push_at_row(contact.rows, contact.rows.phi, k, -impulse, p)
-    if other_rows is not None:
-        push_at_row(other_rows, other_rows.phi, k, -impulse, p)
+    if EFFECTS & TWO_BODIES:
+        push_at_row(contact.other_rows, contact.other_rows.phi, k, -impulse, p)
 
 
 @inline
-def is_loss_small(contact_loss, contact, share, samplerate, state):
-    """True if the contact loss of the coming sample is small enough to act between its stages.
+def choose_loss_between_stages(contact_loss, contact, share, samplerate, state):
+    """Choose whether contact loss acts between the stages of the coming sample. Returns True if it does: it is small.
 
     share: length of a step over that which the loss was judged for
     """
-    if contact_loss is None:
-        return TRUE
-    return is_small_everywhere(contact_loss, contact, share, samplerate, state)
+    if EFFECTS & CONTACT_LOSS:
+        return judge_loss_at_contacts(contact_loss, contact, share, samplerate, state)
+    return TRUE
 
 
 @noinline
-def is_small_everywhere(contact_loss, contact, share, samplerate, state):
-    """True if the loss of all contacts in the coming sample is small enough to act between its stages. Samples in which
-    it is too strong are counted."""
-    total, is_pushing = 0.0, TRUE
+def judge_loss_at_contacts(contact_loss, contact, share, samplerate, state):
+    """Find whether the loss of all contacts in the coming sample is small enough to act between its stages. Samples in
+    which it is too strong are counted."""
+    total, is_pushing, law = 0.0, TRUE, elastic_law(state)
     for k in range(state.compression.shape[0]):
         if contact_loss.loss[k] > 0.0:
             s = state.compression[k]
-            velocity = relative_velocity(contact, contact.other_rows, k, state.p)
+            velocity = relative_velocity(contact, k, state.p)
             end = s + velocity / samplerate
-            total += contact_loss.saturation[k] * elastic_force(contact.law, k, max(s, end))
+            total += contact_loss.saturation[k] * elastic_force(law, k, max(s, end))
             if s > 0.0:
-                gained = speed_gained(contact_loss.mobility[k], elastic_force(contact.law, k, s), s, samplerate)
+                gained = speed_gained(contact_loss.mobility[k], elastic_force(law, k, s), s, samplerate)
                 if end < MIN_SHARE_LEFT * s or (gained - velocity) * contact_loss.loss[k] > MAX_LOSS_LEAVING:
                     is_pushing = False
     if not total * share <= 1.0:  # NaN is left to the solve
@@ -83,11 +84,10 @@ def lose_at_contacts(contact_loss, contact, duration, is_backwards, rate, state)
 
     rate: sample rate, 1/s; 0 before the first stage, when no contact has pushed as yet
     """
-    if contact_loss is None:
-        return 0.0
-    if duration == 0.0:
-        return 0.0
-    return lose_at_each(contact_loss, contact, duration, is_backwards, rate, state)
+    if EFFECTS & CONTACT_LOSS:
+        if duration != 0.0:
+            return lose_at_each(contact_loss, contact, duration, is_backwards, rate, state)
+    return 0.0
 
 
 @noinline
@@ -104,14 +104,14 @@ def lose_at_each(contact_loss, contact, duration, is_backwards, rate, state):
 @inline
 def lose_at_contact(contact_loss, contact, duration, k, rate, state):
     """Let the loss of contact k act for a duration, s. Returns the energy lost, J."""
-    f, mobility = elastic_force(contact.law, k, state.compression[k]), contact_loss.mobility[k]
-    velocity = relative_velocity(contact, contact.other_rows, k, state.p)
+    f, mobility = elastic_force(elastic_law(state), k, state.compression[k]), contact_loss.mobility[k]
+    velocity = relative_velocity(contact, k, state.p)
     impulse = -velocity * expm1_of(-contact_loss.loss[k] * f * mobility * duration) / mobility
     impulse = max(impulse, -f * duration)  # it never takes more than the elastic force gives
     if impulse < 0.0 and rate > 0.0:  # nor more than what the contact has pushed in this sample
         pushed = state.refinement.mean_force[k] / rate + state.refinement.loss_impulse[k]
         impulse = max(impulse, -max(pushed, 0.0))
-    push_apart(contact, contact.other_rows, k, impulse, state.p)
+    push_apart(contact, k, impulse, state.p)
     forget_drift(state)
     state.refinement.loss_impulse[k] += impulse
     return impulse * (velocity - 0.5 * mobility * impulse)

@@ -2,6 +2,7 @@
 the score, whose mean over each step is exact."""
 
 from engine.compiler.decorators import inline, noinline
+from engine.kernel.data.effects import DRIVE, EFFECTS, EVENTS, FORCES
 from engine.kernel.data.enums import UNUSED_SLOT, EventCursor, EventKind
 from engine.kernel.interactions.force_shapes import has_shape, mean_of_shape, pluck_impulse
 from engine.kernel.interactions.one_way_drive import driven_force
@@ -12,9 +13,9 @@ from engine.kernel.modes.point_rows import project_drift, push_both_at_row
 @inline
 def has_external_forces(force):
     """True if external forces act on the island, now or at any time."""
-    if force is None:
-        return False
-    return force.start.shape[0] > 0
+    if EFFECTS & FORCES:
+        return force.start.shape[0] > 0
+    return False
 
 
 @inline
@@ -41,18 +42,9 @@ def table_or_shape(force, shapes, j, at, span):
 @inline
 def is_driven(drive, j):
     """True if external force j is that of strings. drive: of the forces"""
-    if drive is None:
-        return False
-    return drive[j] >= 0
-
-
-@inline
-def force_of_strings(drive, ring, j, frame):
-    """Return external force j, which strings make, over the sample that begins at this frame, N. drive: of the forces;
-    ring: of the state"""
-    if drive is None:
-        return 0.0
-    return driven_force(ring, drive[j], frame)
+    if EFFECTS & DRIVE:
+        return drive[j] >= 0
+    return False
 
 
 @inline
@@ -62,11 +54,11 @@ def is_pushing(kind):
 
 
 @inline
-def events_push(events, state):
+def events_push(state):
     """True if plucks of the score, or forces that act again, push now."""
-    if events is None:
-        return False
-    return state.event_cursor[EventCursor.PUSHING] > 0
+    if EFFECTS & EVENTS:
+        return state.event_cursor[EventCursor.PUSHING] > 0
+    return False
 
 
 @noinline
@@ -87,7 +79,7 @@ def next_external_force(force, frame):
     """Return the next frame, after the step of this frame, at which an external force acts; this frame if one goes
     on."""
     due = UNUSED_SLOT
-    if force is not None:
+    if EFFECTS & FORCES:
         for j in range(force.start.shape[0]):
             if is_driven(force.drive, j):
                 return frame
@@ -111,22 +103,21 @@ def find_external_forces(force, events, shapes, settings, state):
     frame, span = settings.frame, settings.span
     for j in range(force.start.shape[0]):
         if is_driven(force.drive, j):
-            state.external_force[j] = force_of_strings(force.drive, state.drive, j, frame)
+            state.external_force[j] = driven_force(state.drive, force.drive[j], frame)
         else:
             state.external_force[j] = force_at(force, shapes, j, frame, span)
-    if events is not None:
-        if events_push(events, state):
-            for i in range(state.event_cursor[EventCursor.FIRST_ACTIVE], state.event_cursor[EventCursor.NEXT]):
-                if is_pushing(events.kind[i]):
-                    pushed = force_of_event(events, force, shapes, i, frame, span)
-                    state.external_force[events.target_begin[i]] += pushed
+    if events_push(state):
+        for i in range(state.event_cursor[EventCursor.FIRST_ACTIVE], state.event_cursor[EventCursor.NEXT]):
+            if is_pushing(events.kind[i]):
+                pushed = force_of_event(events, force, shapes, i, frame, span)
+                state.external_force[events.target_begin[i]] += pushed
 
 
 @inline
-def push_by_external_forces(force, model, settings, state):
+def push_by_external_forces(model, settings, state):
     """Do half a kick by every external force, and keep the forces for the second half. Returns True if any acts."""
-    acts = False
-    if force is not None:
+    acts, force = False, model.force
+    if EFFECTS & FORCES:
         find_external_forces(force, model.events, shapes_of(model.refinement), settings, state)
         for j in range(force.start.shape[0]):
             f = state.external_force[j]
@@ -134,7 +125,7 @@ def push_by_external_forces(force, model, settings, state):
                 push_both_at_row(force.rows, settings.h.force, j, f, state)
                 acts = True
         if acts:
-            forget_moves(state.connection)
+            forget_moves(state)
     return acts
 
 
@@ -142,7 +133,7 @@ def push_by_external_forces(force, model, settings, state):
 def finish_external_forces(force, coefficients, state):
     """Return the work that the external forces of the step do over the coming drift, J."""
     work = 0.0
-    if force is not None:
+    if EFFECTS & FORCES:
         for j in range(force.start.shape[0]):
             f = state.external_force[j]
             if f != 0.0:

@@ -6,6 +6,7 @@ samples before its end, one sample late. Its work counts as supplied, as that of
 """
 
 from engine.compiler.decorators import inline
+from engine.kernel.data.effects import DRIVE, EFFECTS
 from engine.kernel.data.enums import DRIVE_FRAMES
 
 LAST = DRIVE_FRAMES - 1  # frame & LAST is frame modulo DRIVE_FRAMES
@@ -17,7 +18,7 @@ def clear_drive(drive, ring, islands, frame, count):
 
     islands: the first, and the last + 1
     """
-    if drive is not None:
+    if EFFECTS & DRIVE:
         for n in range(drive.island.shape[0]):
             if islands[0] <= drive.island[n] < islands[1]:
                 for k in range(frame, frame + count):
@@ -25,10 +26,10 @@ def clear_drive(drive, ring, islands, frame, count):
 
 
 @inline
-def put_sample(drive, ring, row, channel, frame, value):
+def put_sample(ring, row, channel, frame, value):
     """Add the value of a pickup to a row of the audio; or, if its channel is negative, to the force that drives a body
     at this frame."""
-    if drive is not None:
+    if EFFECTS & DRIVE:
         if channel < 0:
             ring[-1 - channel, frame & LAST] += value
             return

@@ -9,11 +9,12 @@ is known to all ways of playing; one that is still to come counts from the step 
 import math
 
 from engine.compiler.decorators import inline, noinline
-from engine.kernel.data.enums import FLIGHT_FRAMES, EnergyTotal, EventCursor, EventKind, Sliding, Stretch, StretchFactor
+from engine.kernel.contact.law import largest_drive
+from engine.kernel.data.effects import EFFECTS, EVENTS, FORCES, STRETCHING
+from engine.kernel.data.enums import FLIGHT_FRAMES, EnergyTotal, EventCursor, EventKind, Stretch, StretchFactor
 from engine.kernel.interactions.connections import connection_energy, has_connections
 from engine.kernel.interactions.contacts import contact_energy
 from engine.kernel.interactions.external_forces import force_at, is_driven, is_pushing
-from engine.kernel.interactions.friction import has_friction
 from engine.kernel.interactions.tension import (
     stiffness_of,
     stretch_and_vibration,
@@ -27,32 +28,37 @@ WHOLE = 0.0, 1.0  # span of a sample
 
 
 @inline
-def update_stretching(tension, model, state):
+def can_stretch(model):
+    """True if a body of the island may stretch."""
+    if EFFECTS & STRETCHING:
+        return model.tension.can_stretch[0] != 0
+    return False
+
+
+@inline
+def update_stretching(model, state):
     """Choose which bodies of an island stretch, where nothing but connections acts before the next check."""
-    if tension is not None:
-        if tension.can_stretch[0] != 0:
-            amplitude = 0.0
-            if has_connections(model.connection, state):
-                amplitude = amplitude_of_island(model, state)
-            choose_stretching(tension, model.omega_squared, amplitude, 1.0, state)
+    if can_stretch(model):
+        amplitude = 0.0
+        if has_connections(state):
+            amplitude = amplitude_of_island(model, state)
+        choose_stretching(model.tension, model.omega_squared, amplitude, 1.0, state)
 
 
 @inline
-def update_touched(tension, model, state, frame):
+def update_touched(model, state, frame):
     """Choose which bodies of an island stretch, where contacts or forces may act from this frame on."""
-    if tension is not None:
-        if tension.can_stretch[0] != 0:
-            amplitude = amplitude_of_island(model, state) + gain_by_forces(model.force, model, state, frame)
-            amplitude += gain_by_surfaces(model.contact, model, state)
-            choose_stretching(tension, model.omega_squared, amplitude, SHARE_IN_CONTACT, state)
+    if can_stretch(model):
+        amplitude = amplitude_of_island(model, state) + gain_by_forces(model, state, frame)
+        amplitude += gain_by_surfaces(model, state)
+        choose_stretching(model.tension, model.omega_squared, amplitude, SHARE_IN_CONTACT, state)
 
 
 @inline
-def let_stretch(tension, model, state):
+def let_stretch(model, state):
     """Let the bodies of an island stretch, as something may act on them before the next check."""
-    if tension is not None:
-        if tension.can_stretch[0] != 0:
-            choose_stretching(tension, model.omega_squared, math.inf, 1.0, state)
+    if can_stretch(model):
+        choose_stretching(model.tension, model.omega_squared, math.inf, 1.0, state)
 
 
 @noinline
@@ -99,17 +105,17 @@ def set_stretching(tension, omega_squared, is_active, state, b):
 def amplitude_of_island(model, state):
     """Return √(2E) of an island: of all that moves, about its rest, and of what contacts, connections and stretched
     bodies hold, √J."""
-    energy = motion_energy(model, state) + contact_energy(model.contact, state)
+    energy = motion_energy(model, state) + contact_energy(state)
     energy += max(0.0, connection_energy(model.connection, state))
-    return math.sqrt(2.0 * (energy + stretching_energy(model.tension, model.omega_squared, state)))
+    return math.sqrt(2.0 * (energy + stretching_energy(model, state)))
 
 
 @inline
-def gain_by_forces(force, model, state, frame):
+def gain_by_forces(model, state, frame):
     """Return by how much external forces may raise √(2E) of an island up to the next check, √J: those that act, and
-    those of the patch that begin by then. force: ExternalForce or None"""
-    gain = 0.0
-    if force is not None:
+    those of the patch that begin by then."""
+    gain, force = 0.0, model.force
+    if EFFECTS & FORCES:
         for j in range(force.start.shape[0]):
             most, change = force_until_check(force, model.events, j, frame, state)
             if most > 0.0:
@@ -126,7 +132,7 @@ def force_until_check(force, events, j, frame, state):
     for n in range(frame, frame + FLIGHT_FRAMES):
         f = force_at(force, None, j, n, WHOLE)
         most, change, last = max(most, abs(f)), change + abs(f - last), f
-    if events is not None:
+    if EFFECTS & EVENTS:
         for i in range(state.event_cursor[EventCursor.FIRST_ACTIVE], state.event_cursor[EventCursor.NEXT]):
             if is_pushing(events.kind[i]) and events.target_begin[i] == j and events.end[i] > frame:
                 size = size_of_push(force, events, i, j)
@@ -155,44 +161,24 @@ def gain_by_force(rows, omega_squared, r, most, change, step):
     total, begin = 0.0, rows.mode_begin[r]
     for m in range(begin, rows.mode_end[r]):
         impulse = most * FLIGHT_FRAMES * step
-        if omega_squared is not None:
-            if omega_squared[m] > 0.0:
-                impulse = min(impulse, (2.0 * most + change) / math.sqrt(omega_squared[m]))
+        if omega_squared[m] > 0.0:
+            impulse = min(impulse, (2.0 * most + change) / math.sqrt(omega_squared[m]))
         share = rows.phi[rows.offset[r] + (m - begin)] * impulse
         total += share * share
     return math.sqrt(total)
 
 
 @inline
-def gain_by_surfaces(contact, model, state):
+def gain_by_surfaces(model, state):
     """Return by how much surfaces that move by themselves, such as bows, may raise √(2E) of an island up to the next
-    check, √J; infinite where a contact presses them. contact: Contact or None"""
-    gain = 0.0
-    if contact is not None:
-        gain = gain_by_friction(contact.friction, contact, model, state)
+    check, √J; infinite where a contact presses them."""
+    gain, contact, step = 0.0, model.contact, 1.0 / model.samplerate
+    if contact.has_power_laws[0] == 0:
+        for k in range(state.compression.shape[0]):
+            most = largest_drive(contact, k, state)
+            if most == math.inf:
+                return most
+            if most > 0.0:
+                gain += gain_by_force(contact.rows, model.omega_squared, k, most, math.inf, step)
+                gain += gain_by_force(contact.other_rows, model.omega_squared, k, most, math.inf, step)
     return gain
-
-
-@inline
-def gain_by_friction(friction, contact, model, state):
-    """Do this in a scene with contacts."""
-    gain = 0.0
-    if friction is not None:
-        if has_friction(friction):
-            for k in range(state.compression.shape[0]):
-                point = state.friction[k]
-                if point[Sliding.BRISTLE] > 0.0 and point[Sliding.VELOCITY] != 0.0:
-                    if friction.pressed_by[k] >= 0:
-                        return math.inf
-                    most = point[Sliding.FORCE] * max(point[Sliding.STATIC], point[Sliding.DYNAMIC])
-                    gain += gain_on_body(contact.rows, model, k, most)
-                    gain += gain_on_body(contact.other_rows, model, k, most)
-    return gain
-
-
-@inline
-def gain_on_body(rows, model, k, most):
-    """Do this for one of the bodies of a point of friction. rows: of these bodies, or None"""
-    if rows is None:
-        return 0.0
-    return gain_by_force(rows, model.omega_squared, k, most, math.inf, 1.0 / model.samplerate)

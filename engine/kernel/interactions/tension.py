@@ -16,7 +16,9 @@ from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline, noinline
 from engine.compiler.lanes import multiply_add, number_at, place_after, put_number, splat
+from engine.kernel.data.effects import EFFECTS, STRETCHING
 from engine.kernel.data.enums import MovingEnd, Stretch, StretchFactor
+from engine.kernel.interactions.connections import has_connections
 from engine.kernel.modes.ordered_sums import fold, fold_lanes
 from engine.kernel.modes.potential import add_elastic
 
@@ -27,11 +29,11 @@ ROOT_STEPS = 4  # of Newton's method on the polynomial of a pass
 
 
 @inline
-def stretches(tension, state):
+def stretches(state):
     """True if a body of the island stretches now."""
-    if tension is None:
-        return False
-    return state.tension.is_active[0] != 0
+    if EFFECTS & STRETCHING:
+        return state.tension.is_active[0] != 0
+    return False
 
 
 @inline
@@ -60,14 +62,14 @@ class StretchingModes(NamedTuple):
     first: int
     size: int
     push_per_rise: Any  # memory: of a mode in half a kick, √kg·m/s per N
-    softness: Any  # memory: a/(1 + a·λ)
+    decline_per_rise: Any  # memory, 1/N: the share by which it moves less, a/(1 + a·λ)
 
 
 @inline
 def modes_of_body(tension, h, state, b):
     """Return the StretchingModes of body b."""
     begin, end = tension.mode_begin[b], tension.mode_end[b]
-    memory = state.tension.push_per_rise, state.tension.softness
+    memory = state.tension.push_per_rise, state.tension.decline_per_rise
     return StretchingModes(h.kick, h.drift, tension.kappa, state.q, state.drift_momentum, begin, end - begin, *memory)
 
 
@@ -75,25 +77,25 @@ def modes_of_body(tension, h, state, b):
 def add_stretch_sums(of, k, sums):
     """Add to the sums, of mode k of a body: its stretch at the begin of the step; and that at the end by powers of the
     change of the tension, the odd ones with the other sign, and all but the first over four. Write what the tension
-    pushes the mode by in half a kick, per tension, and its softness."""
+    pushes the mode by in half a kick, and the share by which it moves less, per tension."""
     modes, rise = of
     m = place_after(k, modes.first)
     q, kappa, kick = number_at(modes.q, m), number_at(modes.kappa, m), number_at(modes.kick, m)
     half = 0.5 * number_at(modes.drift, m)
     compliance = kick * half * kappa
     share = 1.0 / multiply_add(compliance, rise, 1.0)
-    y, softness = multiply_add(half, number_at(modes.momentum, m), q) * share, compliance * share
+    y, decline_per_rise = multiply_add(half, number_at(modes.momentum, m), q) * share, compliance * share
     end, pull = (y - q) + y, kappa * y
     put_number(modes.push_per_rise, m, kick * pull)
-    put_number(modes.softness, m, softness)
-    c1, beyond = pull * softness, end + y
-    c2 = c1 * softness
+    put_number(modes.decline_per_rise, m, decline_per_rise)
+    c1, beyond = pull * decline_per_rise, end + y
+    c2 = c1 * decline_per_rise
     return (
         multiply_add(kappa * q, q, sums[0]),
         multiply_add(kappa * end, end, sums[1]),
         multiply_add(c1, end, sums[2]),
         multiply_add(c2, beyond, sums[3]),
-        multiply_add(c2 * softness, beyond + y, sums[4]),
+        multiply_add(c2 * decline_per_rise, beyond + y, sums[4]),
     )
 
 
@@ -237,7 +239,7 @@ def add_push_near_pass(of, k, sums):
     """Do this from what the last pass has written, for a tension that is larger by a small change."""
     modes, push, rise, change = of
     m = place_after(k, modes.first)
-    less = number_at(modes.softness, m) * change
+    less = number_at(modes.decline_per_rise, m) * change
     kicked = rise * number_at(modes.push_per_rise, m) * (1.0 - less * (1.0 - less))
     put_number(modes.momentum, m, number_at(modes.momentum, m) - kicked)
     put_number(push, m, number_at(push, m) - kicked)
@@ -278,15 +280,6 @@ def stretch_by_ends(tension, connection_state, share, b):
     return stretch
 
 
-@inline
-def add_stretch_by_ends(tension, connection_state, b, stretch):
-    """Return a stretch with that by the ends of string b. connection_state: ConnectionState or None"""
-    if connection_state is not None:
-        if connection_state.extension.shape[0] > 0:
-            return stretch + stretch_by_ends(tension, connection_state, 0.0, b)
-    return stretch
-
-
 # --- energy
 
 
@@ -310,18 +303,17 @@ def stretch_and_vibration(tension, omega_squared, state, b):
     """Return the stretch of body b, m or m², and the energy of its modes, J."""
     begin, end = tension.mode_begin[b], tension.mode_end[b]
     stretch, vibration = sum_stretch(tension.kappa, omega_squared, state.q, state.p, begin, end)
-    stretch = add_stretch_by_ends(tension, state.connection, b, stretch)
+    if has_connections(state):
+        stretch += stretch_by_ends(tension, state.connection, 0.0, b)
     return stretch, 0.5 * vibration
 
 
 @inline
-def stretching_energy(tension, omega_squared, state):
+def stretching_energy(model, state):
     """Energy that bodies hold because they are stretched, J."""
-    total = 0.0
-    if tension is not None:
-        if stretches(tension, state):
-            total = sum_stretching_energies(tension, omega_squared, state)
-    return total
+    if stretches(state):
+        return sum_stretching_energies(model.tension, model.omega_squared, state)
+    return 0.0
 
 
 @inline

@@ -8,6 +8,7 @@ from typing import Any
 from engine.compiler.decorators import inline, noinline
 from engine.compiler.elementary import power_of
 from engine.compiler.overloads import overload_by_source
+from engine.kernel.data.effects import EFFECTS, EVENTS
 from engine.kernel.data.enums import DampedModes, EnergyTotal, EventCursor, EventKind
 from engine.kernel.data.model import ModalLoss, StepCoefficients
 from engine.kernel.modes.mode_step import forget_drift
@@ -18,7 +19,7 @@ from engine.kernel.modes.ordered_sums import accumulate
 def find_damped_loss(events, loss, refinement, state):
     """Find the loss with the dampers of the events that go on; of several on one body, with the newest.
 
-    loss: ModalLoss of a step of a whole sample, or None
+    loss: ModalLoss of a step of a whole sample; refinement: None without stages
     """
     cursor = state.event_cursor
     cursor[EventCursor.DAMPED] = DampedModes.NONE
@@ -38,12 +39,12 @@ def find_loss_of_sample(events, loss, state):
     before = state.displacement_bound  # memory that is free at this time
     for m in range(decay.shape[0]):
         before[m] = decay[m]
-        decay[m], dissipation[m] = loss_without_dampers(loss, m)
+        decay[m], dissipation[m] = loss.decay_factor[m], loss.dissipation_factor[m]
     for j in range(state.event_cursor[EventCursor.FIRST_ACTIVE], state.event_cursor[EventCursor.NEXT]):
         if events.kind[j] == EventKind.DAMP:
             factor = math.sqrt(events.value[j])
             for m in range(events.target_begin[j], events.target_end[j]):
-                decay[m] = loss_without_dampers(loss, m)[0] * factor
+                decay[m] = loss.decay_factor[m] * factor
                 dissipation[m] = 0.5 * (1.0 - decay[m]) * (1.0 + decay[m])
     for m in range(decay.shape[0]):
         if decay[m] != before[m]:
@@ -51,24 +52,14 @@ def find_loss_of_sample(events, loss, state):
 
 
 @inline
-def loss_without_dampers(loss, m):
-    """Return the decay factor and the dissipation factor of mode m, to which dampers add."""
-    if loss is not None:
-        return loss.decay_factor[m], loss.dissipation_factor[m]
-    return 1.0, 0.0
-
-
-@inline
-def step_with_dampers(h, loss, events, state):
+def step_with_dampers(h, state):
     """Return the coefficients of a step of a whole sample, with the dampers of events that act. h: StepCoefficients"""
-    if events is None:
-        return h
-    if loss is None:
-        return h
-    decay, dissipation = loss.decay_factor, loss.dissipation_factor
-    if is_damping(events, state):
-        decay, dissipation = state.damped_decay_factor, state.damped_dissipation_factor
-    return with_loss(h, ModalLoss(decay, dissipation))
+    if EFFECTS & EVENTS:
+        decay, dissipation = h.loss.decay_factor, h.loss.dissipation_factor
+        if is_damping(state):
+            decay, dissipation = state.damped_decay_factor, state.damped_dissipation_factor
+        return with_loss(h, ModalLoss(decay, dissipation))
+    return h
 
 
 def with_loss(h: Any, loss: Any) -> Any:
@@ -103,13 +94,13 @@ def keep_for(keep, share):
 
 
 @inline
-def damp_stage(model, refinement, of_stage, state):
+def damp_stage(refinement, of_stage, state):
     """Let the dampers of events act before a stage, or after it.
 
     of_stage: its number and that of the stages of a step; how often steps are doubled before the finest ones; and
               whether this is before the stage
     """
-    if is_damping(model.events, state):
+    if is_damping(state):
         (i, stages, doublings, is_before), of = of_stage, state.refinement
         begin, end = (0, stages - 1) if is_before else (stages - 1, 0)
         if i == begin:
@@ -141,8 +132,8 @@ def is_event_active(state):
 
 
 @inline
-def is_damping(events, state):
+def is_damping(state):
     """True if dampers of events act."""
-    if events is None:
-        return False
-    return is_event_active(state) and state.event_cursor[EventCursor.DAMPED] == DampedModes.SOME
+    if EFFECTS & EVENTS:
+        return is_event_active(state) and state.event_cursor[EventCursor.DAMPED] == DampedModes.SOME
+    return False

@@ -65,8 +65,6 @@ def fly_mode(of, m, sums):
 @inline
 def mode_loss(loss, m, q, p):
     """Energy that mode m, or eight, loses over a flight that begins with q and p, J; but for that due to weight."""
-    if loss is None:
-        return zero_like(q)
     return (number_at(loss.qq, m) * q + number_at(loss.qp, m) * p) * q + number_at(loss.pp, m) * p * p
 
 

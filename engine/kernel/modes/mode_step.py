@@ -16,7 +16,8 @@ import math
 from typing import Any, NamedTuple
 
 from engine.compiler.decorators import inline, noinline
-from engine.compiler.lanes import magnitude, number_at, put_number, splat, zero_like
+from engine.compiler.lanes import number_at, put_number, splat, zero_like
+from engine.kernel.data.effects import CONNECTIONS, DRAG, EFFECTS, LOSS
 from engine.kernel.data.enums import StepKind
 from engine.kernel.modes.ordered_sums import fold
 from engine.kernel.modes.potential import kick_by_spring, kick_by_weight
@@ -32,10 +33,26 @@ DENORMAL_LIMIT = 1e-290  # √kg·m, √kg·m/s
 @inline
 def apply_loss(loss, m, p):
     """Take the loss of mode m from its momentum. Return the damped momentum, and the energy lost."""
-    if loss is None:
-        return p, zero_like(p)
     damped = number_at(loss.decay_factor, m) * p
     return damped, energy_of_loss(loss.dissipation_factor, m, p, damped)
+
+
+@inline
+def lose_at_end(loss, m, p):
+    """Do half a step of loss of mode m. Return the damped momentum, and the energy lost."""
+    if EFFECTS & LOSS:
+        return apply_loss(loss, m, p)
+    return p, zero_like(p)
+
+
+@inline
+def lose_in_drift(drag, m, p):
+    """Take the loss of mode m in a drift. Return the damped momentum, and the energy lost. drag: None where no mode of
+    the island has such a loss"""
+    if drag is not None:
+        if EFFECTS & DRAG:
+            return apply_loss(drag, m, p)
+    return p, zero_like(p)
 
 
 @inline
@@ -58,7 +75,7 @@ def kick_by_force(push, p):
 @inline
 def begin_step_mode(h, compensation, m, q, p):
     """Do half a step of loss and half a kick of mode m, without contact. Returns its momentum, and the energy lost."""
-    p, lost = apply_loss(h.loss, m, p)
+    p, lost = lose_at_end(h.loss, m, p)
     p = kick_by_weight(h.weight_kick, compensation, m, p)
     return kick_by_spring(h.spring_kick, m, q, p), lost
 
@@ -70,19 +87,20 @@ def end_step_mode(h, push, compensation, m, q, p):
     push: what forces add to its momentum in half a kick, or None
     """
     q = q + number_at(h.drift, m) * p
-    p, dragged = apply_loss(h.drag, m, p)
+    p, dragged = lose_in_drift(h.drag, m, p)
     p = kick_by_spring(h.spring_kick, m, q, p)
     p = kick_by_force(push, kick_by_weight(h.weight_kick, compensation, m, p))
-    p, lost = apply_loss(h.loss, m, p)
+    p, lost = lose_at_end(h.loss, m, p)
     return q, p, add_drag(h.drag, lost, dragged)
 
 
 @inline
 def add_drag(drag, lost, dragged):
     """Return the energy lost at the end of a step, with that lost in its drift."""
-    if drag is None:
-        return lost
-    return lost + dragged
+    if drag is not None:
+        if EFFECTS & DRAG:
+            return lost + dragged
+    return lost
 
 
 class Motion(NamedTuple):
@@ -128,14 +146,14 @@ def find_drift_momenta(h, kind, state):
         of = h, motion_of(state), state.drift_momentum
         state.drift_loss[0] = fold(add_first_half, of, state.p.shape[0], (splat(0.0),))[0]
         state.drift_kind[0] = kind
-        forget_moves(state.connection)
+        forget_moves(state)
 
 
 @inline
-def forget_moves(connection_state):
-    """Mark how far the coming drift moves connections as unknown. connection_state: ConnectionState or None"""
-    if connection_state is not None:
-        connection_state.is_move_known[0] = 0
+def forget_moves(state):
+    """Mark how far the coming drift moves connections as unknown."""
+    if EFFECTS & CONNECTIONS:
+        state.connection.is_move_known[0] = 0
 
 
 @inline
@@ -159,15 +177,6 @@ def add_free_step(of, m, sums):
 def free_step(h, motion):
     """Do a step of all modes on which nothing acts: both halves in one pass. Returns the energy lost."""
     return fold(add_free_step, (h, motion), motion.p.shape[0], (splat(0.0),))[0]
-
-
-@inline
-def add_loss(of, m, sums):
-    """Take the loss of mode m from its momentum, and add the energy lost, and the size of its change, to the sums."""
-    (loss, p), before = of, number_at(of[1], m)
-    damped, lost = apply_loss(loss, m, before)
-    put_number(p, m, damped)
-    return sums[0] + lost, sums[1] + magnitude(before - damped)
 
 
 @noinline

@@ -191,12 +191,4 @@ class PlainStep(NamedTuple):
 def plain_step(h):
     """Return the coefficients of a step without weight and without loss in the drift. The losses of such a step are
     twice the energy, and are found from the momenta (engine.kernel.modes.mode_step.energy_of_loss)."""
-    return PlainStep(h.drift, h.spring_kick, None, only_decay(h.loss), None, h.connection)
-
-
-@inline
-def only_decay(loss):
-    """Return a loss without the factor of its energy."""
-    if loss is None:
-        return None
-    return ModalLoss(loss.decay_factor, None)
+    return PlainStep(h.drift, h.spring_kick, None, ModalLoss(h.loss.decay_factor, None), None, h.connection)

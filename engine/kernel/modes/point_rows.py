@@ -28,10 +28,9 @@ def project_drift(rows, coefficients, r, p):
 
 @inline
 def add_drifts(rows, coefficients, p, moves):
-    """Add the displacement by the coming drift, m, at each row to `moves`, if there are rows."""
-    if rows is not None:
-        for r in range(moves.shape[0]):
-            moves[r] += project_drift(rows, coefficients, r, p)
+    """Add the displacement by the coming drift, m, at each row to `moves`."""
+    for r in range(moves.shape[0]):
+        moves[r] += project_drift(rows, coefficients, r, p)
 
 
 @inline
@@ -67,9 +66,7 @@ def bound_at_row(rows, r, bound):
 
 @inline
 def displacement_at_row(rows, r, m, change):
-    """Displacement at row r by a change of mode m; 0 without rows."""
-    if rows is None:
-        return 0.0
+    """Displacement at row r by a change of mode m."""
     if rows.mode_begin[r] <= m and m < rows.mode_end[r]:
         return rows.phi[rows.offset[r] + (m - rows.mode_begin[r])] * change
     return 0.0

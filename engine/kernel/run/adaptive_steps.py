@@ -7,10 +7,8 @@ change is known of each sample, and the energy balance is as exact as with any n
 
 import math
 
-from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
+from engine.compiler.decorators import FALSE, TRUE, inline, noinline
 from engine.compiler.lanes import lane_sum, number_at, splat, where_positive, zero_like
-from engine.kernel.interactions.connections import copy_extensions
-from engine.kernel.interactions.friction import copy_friction
 from engine.kernel.modes.mode_step import forget_drift, motion_of
 from engine.kernel.modes.ordered_sums import copy_items, copy_or_back, fold_lanes
 from engine.kernel.modes.potential import add_elastic
@@ -21,59 +19,38 @@ EASY = 2.0  # times the error that a sample may have, for the next to have fewer
 @inline
 def steps_of_sample(refinement, state):
     """Return the number of steps of the present sample."""
-    if refinement.adaptive is None:
-        return refinement.steps
     return refinement.steps << state.refinement.level[0]
 
 
 @inline
 def first_kind_of_sample(refinement, state):
     """Return the first kind of stages of the present sample."""
-    if refinement.adaptive is None:
-        return INT64_0
     return refinement.kinds * state.refinement.level[0]
 
 
 @inline
-def doublings_left(adaptive, state):
-    """Return how often the steps of the present sample could still be doubled. adaptive: AdaptiveSteps or None"""
-    if adaptive is None:
-        return INT64_0
-    return adaptive.finest - state.refinement.level[0]
-
-
-@inline
 def may_try_again(adaptive):
-    """True if a sample may be tried with other numbers of steps. adaptive: AdaptiveSteps or None"""
-    if adaptive is None:
-        return False
+    """True if a sample may be tried with other numbers of steps."""
     return adaptive.finest > 0
 
 
 @inline
 def begin_tries(adaptive, state):
-    """Keep the state at the start of a sample, if its number of steps is to be found. adaptive: AdaptiveSteps or
-    None"""
+    """Keep the state at the start of a sample, if its number of steps is to be found. The first try has half of the
+    steps that are expected to do."""
     if may_try_again(adaptive):
-        save_motion(state)
+        refinement = state.refinement
+        refinement.tries[0], refinement.level[0] = 0, max(0, refinement.next_level[0] - 1)
+        copy_motion(state, FALSE)
 
 
 @inline
-def is_accurate(adaptive, model, state):
-    """True if a sample was computed with enough steps; if not, all is as it was at its start, for a try with more.
-    adaptive: AdaptiveSteps or None"""
-    if adaptive is not None:
-        if adaptive.finest > 0:
-            return compare_tries(adaptive, model, state)
+def accept_or_restore(adaptive, model, state):
+    """Accept a sample that was computed with enough steps, or restore its start for a try with more. Returns True if it
+    is accepted."""
+    if may_try_again(adaptive):
+        return compare_tries(adaptive, model, state)
     return TRUE
-
-
-@inline
-def save_motion(state):
-    """Keep all that a sample changes. The first try has half of the steps that are expected to do."""
-    refinement = state.refinement
-    refinement.tries[0], refinement.level[0] = 0, max(0, refinement.next_level[0] - 1)
-    copy_motion(state, FALSE)
 
 
 @noinline
@@ -86,19 +63,13 @@ def copy_motion(state, is_back):
     copy_or_back(state.compression, saved.compression, is_back)
     copy_or_back(state.compression_compensation, saved.compression_compensation, is_back)
     copy_or_back(state.contact_force, saved.contact_force, is_back)
-    copy_friction(state.friction, saved.friction, state.compression.shape[0], is_back)
+    for k in range(state.compression.shape[0]):
+        copy_or_back(state.law_numbers[k], saved.law_numbers[k], is_back)
     copy_or_back(state.energy_totals, saved.energy_totals, is_back)
     copy_or_back(state.energy_debt, saved.energy_debt, is_back)
     copy_or_back(state.refinement.samples_of_strong_loss, saved.samples_of_strong_loss, is_back)
-    copy_extensions(state.connection, saved, is_back)
-
-
-@inline
-def stiffness_of(omega_squared, m, p):
-    """Return ω² of mode m, whose momentum is p; 0 where no mode has a spring."""
-    if omega_squared is None:
-        return zero_like(p)
-    return number_at(omega_squared, m)
+    copy_or_back(state.connection.extension, saved.extension, is_back)
+    copy_or_back(state.connection.extension_compensation, saved.extension_compensation, is_back)
 
 
 @inline
@@ -109,7 +80,7 @@ def add_change(of, m, sums):
     q, p = number_at(motion.q, m), number_at(motion.p, m)
     dq, dp = q - number_at(coarse_q, m), p - number_at(coarse_p, m)
     change = sums[2] + add_elastic(omega_squared, m, dq, dp * dp)
-    stiffness, zero = stiffness_of(omega_squared, m, p), zero_like(p)
+    stiffness, zero = number_at(omega_squared, m), zero_like(p)
     vibration = where_positive(stiffness, add_elastic(omega_squared, m, q, p * p), zero)
     return sums[0] + vibration, sums[1] + where_positive(stiffness, zero, p * p), change, sums[3] + stiffness
 
@@ -127,8 +98,8 @@ def measure_tries(omega_squared, state):
 
 @noinline
 def compare_tries(adaptive, model, state):
-    """True if the last two tries of a sample agree, or if no more steps are allowed. Otherwise its start is
-    restored."""
+    """Compare the last two tries of a sample. Returns True if they agree, or if no more steps are allowed. Otherwise
+    its start is restored."""
     refinement = state.refinement
     level, tries = refinement.level[0], refinement.tries[0]
     if tries > 0:

@@ -10,32 +10,31 @@ stays closed: turning a knob cannot blow up the sound.
 """
 
 from engine.compiler.decorators import TRUE, inline, noinline
-from engine.kernel.data.enums import NO_END, UNUSED_SLOT, DampedModes, EnergyTotal, EventCursor, EventKind
+from engine.kernel.data.effects import EFFECTS, EVENTS
+from engine.kernel.data.enums import NO_END, UNUSED_SLOT, DampedModes, EventCursor, EventKind
 from engine.kernel.interactions.connections import forget_near_contacts, shift_connections
-from engine.kernel.interactions.contacts import invalidate_margins, shift_contacts
+from engine.kernel.interactions.contacts import shift_contacts
 from engine.kernel.interactions.external_forces import is_pushing, next_external_force
-from engine.kernel.interactions.island_energy import island_energy
-from engine.kernel.interactions.near_contacts import keep_all_contacts
 from engine.kernel.interactions.stretching_choice import let_stretch
 from engine.kernel.modes.event_dampers import find_damped_loss
-from engine.kernel.modes.mode_step import forget_drift
-from engine.kernel.modes.ordered_sums import accumulate
 from engine.kernel.run.glides import advance_glide, ends_late, is_glide, lasts, stop_glide
+from engine.kernel.run.step import begin_change, end_change
 
 
 @inline
 def next_due(force, events, state, frame):
     """Return the next frame, after the step of this frame, at which an event begins or an external force acts; this
     frame itself if one of these goes on, other than damping."""
-    return min(next_event(events, state, frame), next_external_force(force, frame))
+    due = next_external_force(force, frame)
+    if EFFECTS & EVENTS:
+        due = min(due, next_event(events, state, frame))
+    return due
 
 
 @inline
 def next_event(events, state, frame):
     """Return the frame at which the next event begins, or a glide ends; this frame if an event other than damping goes
     on after it."""
-    if events is None:
-        return UNUSED_SLOT
     following = state.event_cursor[EventCursor.NEXT]
     due = events.start[following] if following < events.kind.shape[0] else UNUSED_SLOT
     for j in range(state.event_cursor[EventCursor.FIRST_ACTIVE], following):
@@ -53,7 +52,8 @@ def set_motion(model, state, m, q, p):
     shift_connections(model.connection, state, m, q - state.q[m])
     state.q[m] = q
     state.p[m] = p
-    state.kick_compensation[m] = 0.0
+    if state.kick_compensation.shape[0] > 0:
+        state.kick_compensation[m] = 0.0
 
 
 @noinline
@@ -71,22 +71,13 @@ def lift_dampers(events, cursor, j, modes, frame, is_for_good):
 
 @inline
 def lift_dampers_of_struck(events, contact, cursor, j, frame):
-    """Let event j lift the dampers of the bodies that its mode has contacts with."""
-    if contact is not None:
-        lift_dampers_of_joined(events, contact.rows, contact.other_rows, cursor, j, frame)
-
-
-@inline
-def lift_dampers_of_joined(events, rows, other, cursor, j, frame):
-    """Let event j lift the dampers of the bodies at the other end of its mode's contacts. rows, other: of either end of
-    the contacts; `other` may be None"""
-    if other is not None:
-        m = events.target_begin[j]
-        for k in range(rows.mode_begin.shape[0]):
-            if rows.mode_begin[k] <= m and m < rows.mode_end[k]:
-                lift_dampers(events, cursor, j, (other.mode_begin[k], other.mode_end[k]), frame, TRUE)
-            elif other.mode_begin[k] <= m and m < other.mode_end[k]:
-                lift_dampers(events, cursor, j, (rows.mode_begin[k], rows.mode_end[k]), frame, TRUE)
+    """Let event j lift the dampers of the bodies at the other end of its mode's contacts."""
+    m, rows, other = events.target_begin[j], contact.rows, contact.other_rows
+    for k in range(rows.mode_begin.shape[0]):
+        if rows.mode_begin[k] <= m and m < rows.mode_end[k]:
+            lift_dampers(events, cursor, j, (other.mode_begin[k], other.mode_end[k]), frame, TRUE)
+        elif other.mode_begin[k] <= m and m < other.mode_end[k]:
+            lift_dampers(events, cursor, j, (rows.mode_begin[k], rows.mode_end[k]), frame, TRUE)
 
 
 @noinline
@@ -149,21 +140,18 @@ def run_due_events(model, state, frame):
     events, cursor = model.events, state.event_cursor
     is_new = begin_due_events(events, state, frame)
     if is_any_executed(model, state, frame):
-        keep_all_contacts(model.contact, model.connection, state)
-        before = island_energy(model, state)
+        before = begin_change(model, state)
         for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
             if is_executed(model, state, j, frame):
                 execute_event(model, state, j, frame)
-        accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
+        end_change(model, state, before)
         state.contact_free_until[0] = 0
-        invalidate_margins(state.refinement)
-        forget_drift(state)
     forget_finished(events, state, frame)
     if is_new or cursor[EventCursor.GLIDING] > 0:
-        let_stretch(model.tension, model, state)  # a contact may close within this step, or a force push
+        let_stretch(model, state)  # a contact may close within this step, or a force push
     if cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN:
         find_damped_loss(events, model.step.loss, model.refinement, state)
-        forget_near_contacts(state.connection)
+        forget_near_contacts(state)
 
 
 @inline
@@ -216,7 +204,7 @@ def move_event(events, source, target):
 @inline
 def run_score(model, events, state, frame):
     """Execute the events of the score that act at the start of this step."""
-    if events is not None:
+    if EFFECTS & EVENTS:
         cursor = state.event_cursor
         following, is_unknown = cursor[EventCursor.NEXT], cursor[EventCursor.DAMPED] == DampedModes.UNKNOWN
         is_due = following < events.kind.shape[0] and events.start[following] <= frame

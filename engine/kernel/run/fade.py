@@ -2,15 +2,11 @@
 meanwhile, it rises again."""
 
 from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.kernel.data.enums import EnergyTotal, Quantity, Sleep, SleepMonitor
+from engine.kernel.data.enums import Quantity, Sleep, SleepMonitor
 from engine.kernel.interactions.connections import reset_connections
-from engine.kernel.interactions.contacts import invalidate_margins, reset_compressions
-from engine.kernel.interactions.island_energy import island_energy
-from engine.kernel.interactions.near_contacts import keep_all_contacts
-from engine.kernel.modes.mode_step import forget_drift
-from engine.kernel.modes.ordered_sums import accumulate
+from engine.kernel.interactions.contacts import reset_compressions
 from engine.kernel.modes.point_rows import project
-from engine.kernel.modes.potential import has_spring, rest_position
+from engine.kernel.run.step import begin_change, end_change
 
 FADE_SECONDS = 0.02
 
@@ -59,17 +55,16 @@ def end_fade(model, state, frame):
 def drop_vibration(model, pickups, state):
     """Let all modes with a spring be at rest; free masses go on. The energy that this takes counts as supplied, with a
     negative sign."""
-    keep_all_contacts(model.contact, model.connection, state)
-    before = island_energy(model, state)
+    before = begin_change(model, state)
     for m in range(state.q.shape[0]):
-        if has_spring(model.omega_squared, m):
-            state.q[m] = rest_position(model.omega_squared, model.weight, m)
-            state.p[m] = state.kick_compensation[m] = 0.0
+        if model.omega_squared[m] > 0.0:
+            state.q[m] = model.weight[m] / model.omega_squared[m]
+            state.p[m] = 0.0
+            if state.kick_compensation.shape[0] > 0:
+                state.kick_compensation[m] = 0.0
     reset_compressions(model.contact, state)
     reset_connections(model.connection, state)
     for n in range(pickups.quantity.shape[0]):
         if pickups.quantity[n] == Quantity.ACCELERATION:
             state.previous_velocity[n] = project(pickups.rows, n, state.p)
-    forget_drift(state)
-    invalidate_margins(state.refinement)
-    accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
+    end_change(model, state, before)

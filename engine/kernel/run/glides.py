@@ -6,13 +6,11 @@ is of second order in the length of the step. From the end of the glide on it ha
 
 from engine.compiler.decorators import inline, noinline
 from engine.compiler.elementary import rise
-from engine.kernel.data.enums import EnergyTotal, EventCursor, EventKind
+from engine.kernel.contact.law import contact_parameter, set_contact_parameter
+from engine.kernel.data.effects import EFFECTS, EVENTS
+from engine.kernel.data.enums import EventCursor, EventKind
 from engine.kernel.interactions.connections import connection_parameter, set_connection_parameter
-from engine.kernel.interactions.contacts import contact_parameter, set_contact_parameter
-from engine.kernel.interactions.island_energy import island_energy
-from engine.kernel.interactions.near_contacts import keep_all_contacts
-from engine.kernel.modes.mode_step import forget_drift
-from engine.kernel.modes.ordered_sums import accumulate
+from engine.kernel.run.step import begin_change, end_change
 
 
 @inline
@@ -29,11 +27,11 @@ def lasts(events, j):
 
 
 @inline
-def glides_now(events, state):
+def glides_now(state):
     """True if parameters glide in this sample."""
-    if events is None:
-        return False
-    return state.event_cursor[EventCursor.GLIDING] > 0
+    if EFFECTS & EVENTS:
+        return state.event_cursor[EventCursor.GLIDING] > 0
+    return False
 
 
 @inline
@@ -58,7 +56,7 @@ def parameter_of(model, state, j):
     """Return the present value of what event j changes."""
     events, kind = model.events, model.events.kind[j]
     if is_of_connection(kind):
-        return connection_parameter(model.connection, kind, events.target_begin[j], state)
+        return connection_parameter(kind, events.target_begin[j], state)
     return contact_parameter(model.contact, kind, events.target_begin[j], state)
 
 
@@ -68,7 +66,7 @@ def set_parameter(model, state, j, value):
     events, kind = model.events, model.events.kind[j]
     span = events.target_begin[j], events.target_end[j]
     if is_of_connection(kind):
-        set_connection_parameter(model.connection, kind, span, value, state)
+        set_connection_parameter(kind, span, value, state)
     else:
         set_contact_parameter(model.contact, kind, span, value, state)
 
@@ -98,22 +96,13 @@ def stop_glide(events, state, j, frame):
         events.value[j] = glide_value(events, state, j, frame + 0.0)
 
 
-@inline
-def glide_to(events, model, state, time):
-    """Move all parameters that glide to where they are at a time within the present sample, frames. What this adds to
-    the energy counts as supplied. events: Events or None"""
-    if events is not None:
-        move_parameters(events, model, state, time)
-
-
 @noinline
-def move_parameters(events, model, state, time):
-    """Do this in a scene with events."""
-    cursor = state.event_cursor
-    keep_all_contacts(model.contact, model.connection, state)
-    before = island_energy(model, state)
+def glide_to(model, state, time):
+    """Move all parameters that glide to where they are at a time within the present sample, frames. What this adds to
+    the energy counts as supplied."""
+    events, cursor = model.events, state.event_cursor
+    before = begin_change(model, state)
     for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
         if lasts(events, j):
             set_parameter(model, state, j, glide_value(events, state, j, time))
-    accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
-    forget_drift(state)
+    end_change(model, state, before)

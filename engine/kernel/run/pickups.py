@@ -18,12 +18,11 @@ def track_peak(state, value):
 @inline
 def heard_rise(tension, state, n):
     """Return what pickup n hears of the rise of a tension, the mean over the step that ends here; 0 of others."""
-    value = 0.0
-    if tension is not None:
-        if tension.heard[n] >= 0 and stretches(tension, state):
+    if stretches(state):
+        if tension.heard[n] >= 0:
             rise = state.tension.body[tension.heard[n]][Stretch.LAST]
-            value = rise * (tension.heard_share[n] + project(tension.pull, n, state.q))
-    return value
+            return rise * (tension.heard_share[n] + project(tension.pull, n, state.q))
+    return 0.0
 
 
 @inline
@@ -54,7 +53,7 @@ def add_pickups(model, state, row, frame):
         track_peak(state, value)
         if is_fading(state.sleep):
             value *= fade_gain(state.sleep, model.samplerate, frame)
-        put_sample(model.drive, state.drive, row, pickups.channel[n], frame, value)
+        put_sample(state.drive, row, pickups.channel[n], frame, value)
 
 
 @inline
@@ -76,7 +75,7 @@ def add_flown_pickups(model, state, audio, i, span, frame):
                     values[k] *= fade_gain(state.sleep, model.samplerate, frame + (k - first))
             for k in range(first, last):
                 row = audio[i + (k - first)]
-                put_sample(model.drive, state.drive, row, channel, frame + (k - first), values[k] * gain)
+                put_sample(state.drive, row, channel, frame + (k - first), values[k] * gain)
 
 
 @inline

@@ -10,28 +10,31 @@ import math
 from typing import Any
 
 from engine.compiler.decorators import FALSE, INT64_0, TRUE, inline, noinline
-from engine.compiler.overloads import is_none, overload_by_source
-from engine.kernel.contact.friction_law import acts, slides
+from engine.compiler.overloads import overload_by_source
+from engine.kernel.contact.law import follows_modes, free_end, may_act
 from engine.kernel.data.axes import Axis, fields_of
+from engine.kernel.data.effects import EFFECTS, FORCES
 from engine.kernel.data.enums import StepKind
 from engine.kernel.data.model import StepSettings
-from engine.kernel.interactions.connections import count_connections, damp_connections, has_connections
-from engine.kernel.interactions.contact_loss import is_loss_small, lose_at_contacts
-from engine.kernel.interactions.contacts import bound_at_contact, find_free_displacements, open_compression
+from engine.kernel.interactions.connections import damp_connections
+from engine.kernel.interactions.contact_loss import choose_loss_between_stages, lose_at_contacts
+from engine.kernel.interactions.contacts import (
+    bound_at_contact,
+    find_free_displacements,
+    has_contacts,
+)
 from engine.kernel.interactions.external_forces import events_push, next_external_force
-from engine.kernel.interactions.tension import stretches
-from engine.kernel.modes.event_dampers import damp_stage, is_damping
+from engine.kernel.modes.event_dampers import damp_stage
 from engine.kernel.modes.mode_step import find_drift_momenta
 from engine.kernel.run.adaptive_steps import (
+    accept_or_restore,
     begin_tries,
-    doublings_left,
     first_kind_of_sample,
-    is_accurate,
     may_try_again,
     steps_of_sample,
 )
 from engine.kernel.run.glides import glide_to, glides_now
-from engine.kernel.run.step import SAMPLE, StepOutcome, step
+from engine.kernel.run.step import SAMPLE, StepOutcome, are_modes_independent, step
 
 # --- the coefficients of one stage
 
@@ -53,16 +56,12 @@ def coefficients_of_stage(stages: Any, s: int, modes: int, contacts: int, connec
 
 
 def write_stage(kind: Any, value: str, names: dict[str, Any]) -> str:
-    """Return the source of a record like `value`, without the row for each kind of stage in front. It is written for
-    the record's Numba type: the result of a function that may return None has to be tested for None wherever it is
-    used."""
+    """Return the source of a record like `value`, without the row for each kind of stage in front."""
     names[kind.instance_class.__name__] = kind.instance_class
     parts = []
     for field, inner in zip(fields_of(kind.instance_class), kind.types, strict=True):
         part = f"{value}.{field.name}"
-        if is_none(inner):
-            part = "None"
-        elif field.record is not None:
+        if field.record is not None:
             part = write_stage(inner, part, names)
         else:
             length = LENGTHS.get(field.items.axis) if field.items is not None else None
@@ -88,8 +87,6 @@ overload_by_source(coefficients_of_stage, _write_stage_coefficients)
 def chord_deviation(omega_squared, refinement, m, q, p):
     """Return how far mode m strays from its chord within a sample, √kg·m."""
     per_amplitude, least = refinement.chord_deviation[m], refinement.gravity_deviation[m]
-    if omega_squared is None:
-        return per_amplitude * abs(p[m]) + least
     stiffness = omega_squared[m]
     if stiffness == 0.0:
         return per_amplitude * abs(p[m]) + least
@@ -99,11 +96,11 @@ def chord_deviation(omega_squared, refinement, m, q, p):
 @noinline
 def update_margins(model, refinement, state):
     """Find how far each compression may stray from its chord within a sample. This holds until something acts again."""
-    bound, contact = state.displacement_bound, model.contact
+    bound = state.displacement_bound
     for m in range(state.p.shape[0]):
         bound[m] = chord_deviation(model.omega_squared, refinement, m, state.q, state.p)
     for k in range(state.compression.shape[0]):
-        state.refinement.closing_margin[k] = bound_at_contact(contact, contact.other_rows, k, bound)
+        state.refinement.closing_margin[k] = bound_at_contact(model.contact, k, bound)
     state.refinement.margin_valid[0] = 1
 
 
@@ -112,8 +109,8 @@ def stays_open(state):
     """True if no contact can close within the sample whose free displacements are known."""
     for k in range(state.compression.shape[0]):
         s = state.compression[k]
-        if slides(state.friction, k):
-            if acts(state.friction, k, s):
+        if not follows_modes(state, k):
+            if may_act(state, k, s, 0.0):
                 return False
         elif not max(s, s + state.free_displacement[k]) + state.refinement.closing_margin[k] < 0.0:  # NaN is refined
             return False
@@ -121,39 +118,38 @@ def stays_open(state):
 
 
 @inline
-def closes_in_sample(model, refinement, state):
-    """True if a contact may close within the sample, on which nothing acts. If not, compressions are those at its
-    end."""
+def step_open_contacts(model, refinement, state):
+    """Move the compressions of an island, on which nothing acts, to the end of a sample. Returns False if a contact may
+    close within it; then nothing has moved."""
     if state.refinement.margin_valid[0] == 0:
         update_margins(model, refinement, state)
     find_drift_momenta(model.step, StepKind.SAMPLE, state)
     find_free_displacements(model.contact, model.step.contact, state)
     if not stays_open(state):
-        return True
+        return False
     for k in range(state.compression.shape[0]):
-        state.compression[k] = open_compression(state.friction, k, state.compression[k], state.free_displacement[k])
+        state.compression[k] = free_end(state, k, state.compression[k], state.free_displacement[k])
+    return True
+
+
+@inline
+def is_forced(force, frame, state):
+    """True if an external force acts in this step."""
+    if EFFECTS & FORCES:
+        return events_push(state) or next_external_force(force, frame - 1) <= frame
     return False
 
 
 @inline
-def is_forced(force, events, frame, state):
-    """True if an external force acts in this step."""
-    if force is None:
-        return False
-    return events_push(events, state) or next_external_force(force, frame - 1) <= frame
-
-
-@inline
-def refined_step(model, contact, refinement, state, frame, in_contact):
+def refined_step(model, state, frame, in_contact):
     """Do a sample in stages, or in one step where that is the same. Returns a StepOutcome.
 
     in_contact: True if the sample before ended in contact
     """
-    is_alone = not is_forced(model.force, model.events, frame, state) and not has_connections(model.connection, state)
-    is_alone = is_alone and not stretches(model.tension, state)
-    is_alone = is_alone and not glides_now(model.events, state) and not is_damping(model.events, state)
+    refinement = model.refinement
+    is_alone = are_modes_independent(state) and not is_forced(model.force, frame, state) and not glides_now(state)
     if is_alone and not in_contact and not refinement.refine_free_flight:
-        if contact is None or not closes_in_sample(model, refinement, state):
+        if not has_contacts(state) or step_open_contacts(model, refinement, state):
             return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame, SAMPLE), state)
     return accurate_step(model, refinement, state, frame)
 
@@ -164,14 +160,14 @@ def accurate_step(model, refinement, state, frame):
     begin_tries(refinement.adaptive, state)
     while True:
         outcome = composed_step(model, refinement, state, frame)
-        if is_accurate(refinement.adaptive, model, state):
+        if accept_or_restore(refinement.adaptive, model, state):
             return outcome
 
 
 @inline
 def composed_step(model, refinement, state, frame):
     """Do a sample in stages. Returns a StepOutcome."""
-    modes, contacts = state.p.shape[0], state.compression.shape[0]
+    modes, contacts, connections = state.p.shape[0], state.compression.shape[0], state.connection.extension.shape[0]
     mean_force, impulse = state.refinement.mean_force, state.refinement.loss_impulse
     state.refinement.margin_valid[0] = 0
     for k in range(contacts):
@@ -179,19 +175,18 @@ def composed_step(model, refinement, state, frame):
         impulse[k] = 0.0
     in_contact, evaluations, lost, work, end = FALSE, INT64_0, 0.0, 0.0, 0.0
     steps, first_kind = steps_of_sample(refinement, state), first_kind_of_sample(refinement, state)
-    doublings, glides = doublings_left(refinement.adaptive, state), glides_now(model.events, state)
+    doublings, glides = refinement.adaptive.finest - state.refinement.level[0], glides_now(state)
     share = refinement.steps / steps  # of the length that the durations are for
-    is_apart = is_loss_small(refinement.contact_loss, model.contact, share, model.samplerate, state)
+    is_apart = choose_loss_between_stages(refinement.contact_loss, model.contact, share, model.samplerate, state)
     stages = refinement.sequence.shape[0] if is_apart else refinement.sequence_in_solve.shape[0]
     for n in range(steps * stages):
         i = n % stages
         s = first_kind + (refinement.sequence[i] if is_apart else refinement.sequence_in_solve[i])
         begin, end = end, end + refinement.length[s]
         if glides and steps * stages > 1:
-            glide_to(model.events, model, state, frame + 0.5 * (begin + end))
-        connections = count_connections(model.connection, state)
+            glide_to(model, state, frame + 0.5 * (begin + end))
         h = coefficients_of_stage(refinement.stages, s, modes, contacts, connections)
-        damp_stage(model, refinement, (i, stages, doublings, TRUE), state)
+        damp_stage(refinement, (i, stages, doublings, TRUE), state)
         if is_apart:
             lost += lose_between(model, refinement, refinement.loss_before, (i, share, TRUE, n == 0), state)
         outcome = step(model, StepSettings(h, StepKind.FIRST_STAGE + s, FALSE, frame, (begin, end)), state)
@@ -204,12 +199,12 @@ def composed_step(model, refinement, state, frame):
                 state.contact_force[k] = 0.0
         if is_apart:
             lost += lose_between(model, refinement, refinement.loss_after, (i, share, FALSE, FALSE), state)
-        damp_stage(model, refinement, (i, stages, doublings, FALSE), state)
+        damp_stage(refinement, (i, stages, doublings, FALSE), state)
         evaluations += outcome.evaluations
         lost += outcome.dissipated
         work += outcome.supplied
     if glides and may_try_again(refinement.adaptive):
-        glide_to(model.events, model, state, frame + 0.5)  # where a next try begins
+        glide_to(model, state, frame + 0.5)  # where a next try begins
     for k in range(contacts):
         state.contact_force[k] = mean_force[k] + impulse[k] * model.samplerate
     return StepOutcome(in_contact, evaluations, lost, work)
@@ -219,19 +214,18 @@ def composed_step(model, refinement, state, frame):
 def lose_between(model, refinement, durations, when, state):
     """Let dampers and contacts lose before a stage, or after it, in the reverse order. Returns the energy lost, J.
 
-    durations: before each stage of a step, or after it, s; None if there is no such loss
+    durations: before each stage of a step, or after it, s; empty if there is no such loss
     when:      the number of the stage in its step, its share of a step of these durations, and whether this is before
                the stage, and before all stages of the sample
     """
     lost = 0.0
-    if durations is not None:
-        (i, share, is_before, is_first), rate = when, model.samplerate
-        if i < durations.shape[0]:  # the general kernel has none in place of None
-            duration = share * durations[i]
-            if is_before:
-                lost += damp_connections(model.connection, duration, FALSE, state)
-                rate = 0.0 if is_first else rate
-            lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, not is_before, rate, state)
-            if not is_before:
-                lost += damp_connections(model.connection, duration, TRUE, state)
+    (i, share, is_before, is_first), rate = when, model.samplerate
+    if i < durations.shape[0]:
+        duration = share * durations[i]
+        if is_before:
+            lost += damp_connections(model.connection, duration, FALSE, state)
+            rate = 0.0 if is_first else rate
+        lost += lose_at_contacts(refinement.contact_loss, model.contact, duration, not is_before, rate, state)
+        if not is_before:
+            lost += damp_connections(model.connection, duration, TRUE, state)
     return lost

@@ -4,20 +4,15 @@ Any block size gives the same samples, bit for bit: nothing here depends on wher
 scene before step i; sample 0 is the initial state.
 """
 
-from typing import Any
-
 import numpy as np
 
 from engine.compiler.array_view import row_view, slice_view
 from engine.compiler.decorators import INT64_0, TRUE, inline, kernel
-from engine.compiler.overloads import overload_by_type
 from engine.compiler.struct_types import load_struct
 from engine.kernel.data.enums import CHUNK_FRAMES, FLIGHT_FRAMES, EnergyTotal, FlightFrame, Sleep, StepKind
 from engine.kernel.data.island_view import island_bounds, island_model, island_state
-from engine.kernel.data.model import Refinement, StepSettings
+from engine.kernel.data.model import StepSettings
 from engine.kernel.data.state import BlockOutput
-from engine.kernel.interactions.connected_modes import amplitude_of_connected, energy_of_connected
-from engine.kernel.interactions.connections import has_connections
 from engine.kernel.interactions.contacts import (
     has_contacts,
     invalidate_margins,
@@ -25,13 +20,13 @@ from engine.kernel.interactions.contacts import (
     reset_solve_budget,
 )
 from engine.kernel.interactions.external_forces import has_external_forces
-from engine.kernel.interactions.near_contacts import cannot_close
+from engine.kernel.interactions.island_energy import energy_of_vibration
+from engine.kernel.interactions.near_contacts import find_if_all_open
 from engine.kernel.interactions.one_way_drive import clear_drive
 from engine.kernel.interactions.stretching_choice import let_stretch, update_stretching, update_touched
 from engine.kernel.interactions.tension import stretches
-from engine.kernel.modes.event_dampers import is_damping, is_event_active, step_with_dampers
+from engine.kernel.modes.event_dampers import is_event_active, step_with_dampers
 from engine.kernel.modes.free_flight import begin_flight, end_flight
-from engine.kernel.modes.mode_energies import bound_modal_displacements, vibration_energy
 from engine.kernel.modes.mode_step import flush_denormals, forget_drift
 from engine.kernel.modes.ordered_sums import accumulate
 from engine.kernel.run.events import next_due, run_score
@@ -46,7 +41,7 @@ from engine.kernel.run.sleep import (
     skip_chunk,
     try_sleep,
 )
-from engine.kernel.run.step import SAMPLE, StepOutcome, step
+from engine.kernel.run.step import SAMPLE, are_modes_independent, step
 from engine.kernel.run.trace_rows import (
     Block,
     keep_evaluations,
@@ -66,39 +61,20 @@ CHECK_PERIOD = np.int64(FLIGHT_FRAMES)  # samples; out of contact, compressions 
 
 
 @inline
-def advance(model, state, frame, is_free, in_contact):
-    """Do one step of one island. Returns a StepOutcome.
+def advance(refinement, model, state, frame, is_free, in_contact):
+    """Advance a sample of one island: in stages where forces may act, if the scene has stages. Returns a StepOutcome.
 
+    refinement: None without stages
     is_free:    True if nothing but its connections can act on it
     in_contact: True if the step before had a contact in reach
     """
-    is_free = is_free or not (has_contacts(model.contact, state) or has_external_forces(model.force))
-    return advance_sample(model.refinement, model, state, frame, is_free, in_contact)
-
-
-@inline
-def advance_plain(refinement, model, state, frame, is_free, in_contact):
-    """Advance a sample in one step. Returns a StepOutcome."""
-    h = step_with_dampers(model.step, model.step.loss, model.events, state)
+    is_free = is_free or not (has_contacts(state) or has_external_forces(model.force))
+    if refinement is not None:
+        if is_free and are_modes_independent(state):
+            return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame, SAMPLE), state)
+        return refined_step(model, state, frame, in_contact)
+    h = step_with_dampers(model.step, state)
     return step(model, StepSettings(h, StepKind.SAMPLE, is_free, frame, SAMPLE), state)
-
-
-@inline
-def advance_refined(refinement, model, state, frame, is_free, in_contact):
-    """Advance a sample, in stages where forces may act. Returns a StepOutcome."""
-    is_plain = not has_connections(model.connection, state) and not stretches(model.tension, state)
-    if is_free and is_plain and not is_damping(model.events, state):
-        return step(model, StepSettings(model.step, StepKind.SAMPLE, TRUE, frame, SAMPLE), state)
-    return refined_step(model, model.contact, refinement, state, frame, in_contact)
-
-
-def advance_sample(refinement: Any, model: Any, state: Any, frame: int, is_free: bool, in_contact: bool) -> StepOutcome:
-    """Advance a sample: in stages, if there is refinement. In compiled code only."""
-    raise TypeError("advance_sample is for compiled code")
-
-
-# by type, so that the other is not compiled
-overload_by_type(advance_sample, {type(None): advance_plain.py_func, Refinement: advance_refined.py_func})
 
 
 @inline
@@ -122,18 +98,17 @@ def plan_free_flight(model, state, frame):
     due = next_due(model.force, model.events, state, frame)
     if due > frame:
         invalidate_margins(state.refinement)  # falling masses are faster by now
-        update_stretching(model.tension, model, state)
-        if stays_open(model.contact, model, state):
+        update_stretching(model, state)
+        if stays_open(model, state):
             until = min(due, frame + 1 + CHECK_PERIOD)
             state.contact_free_until[0] = until
-            may_fly = not is_event_active(state) and not has_connections(model.connection, state)
-            may_fly = may_fly and not stretches(model.tension, state)
-            if not falls_asleep(model, state, frame, until) and may_fly:
+            may_fly = not is_event_active(state) and are_modes_independent(state)
+            if not let_sleep(model, state, frame, until) and may_fly:
                 state.flight.frame[FlightFrame.END] = frame + 1 + CHECK_PERIOD
 
 
 @inline
-def falls_asleep(model, state, frame, until):
+def let_sleep(model, state, frame, until):
     """Let the island, whose contacts cannot close, sleep up to a frame if its vibration and sound have died out. An
     island that is awake is examined only now and then. Returns True if it sleeps."""
     slept = state.sleep[Sleep.WAKE_FRAME] == frame + 1
@@ -141,20 +116,14 @@ def falls_asleep(model, state, frame, until):
         return False
     flush_denormals(state.q, state.p)
     forget_drift(state)
-    energy = vibration_energy(model, state) + energy_of_connected(model, model.connection, state)
-    return try_sleep(model, state, until, energy)
+    return try_sleep(model, state, until, energy_of_vibration(model, state))
 
 
 @inline
-def stays_open(contact, model, state):
+def stays_open(model, state):
     """True if no contact can close before the next check."""
-    if contact is not None:
-        if has_contacts(contact, state):
-            if stretches(model.tension, state):  # modes exchange their energies
-                return False
-            bound_modal_displacements(model, state)
-            amplitude = amplitude_of_connected(model, model.connection, FLIGHT_FRAMES / model.samplerate, state)
-            return cannot_close(contact, model.connection, amplitude, is_event_active(state), state)
+    if has_contacts(state):
+        return not stretches(state) and find_if_all_open(model, is_event_active(state), state)
     return True
 
 
@@ -164,7 +133,7 @@ def update_before_sample(model, state, frame):
     flight: at every check, and where something is due or bodies have separated. At a check, also plan ahead."""
     is_check = frame % CHECK_PERIOD == 1
     if is_check:
-        reset_solve_budget(state.scratch, state)
+        reset_solve_budget(state)
     wakes_at = state.sleep[Sleep.WAKE_FRAME]
     if frame >= wakes_at and state.in_contact[0] == 0 and frame > 0:
         is_planned = frame == state.contact_free_until[0]
@@ -175,19 +144,13 @@ def update_before_sample(model, state, frame):
                 end_fade(model, state, frame)
                 plan_free_flight(model, state, frame - 1)
                 if frame >= state.contact_free_until[0]:
-                    update_touched(model.tension, model, state, frame)
+                    update_touched(model, state, frame)
         if not is_check and (is_planned or frame == wakes_at):
             if next_due(model.force, model.events, state, frame - 1) <= frame:
-                let_stretch(model.tension, model, state)
+                let_stretch(model, state)
     elif is_check and state.in_contact[0] != 0:
         end_fade(model, state, frame)
-        update_touched(model.tension, model, state, frame)
-
-
-@inline
-def max_sleep(model, state, is_traced, remaining):
-    """Return how many samples may be slept through at once: one, if the flight of a mass is to be traced."""
-    return 1 if is_traced and free_mass_moves(model, model.free_masses, state) else remaining
+        update_touched(model, state, frame)
 
 
 @inline
@@ -195,7 +158,7 @@ def finish_sleep(model, state, frame, slept):
     """Update the island after samples slept through. Free masses have moved on and may be near; if none moves and the
     sleep is over, find out whether anything is due."""
     last = frame + slept - 1
-    if free_mass_moves(model, model.free_masses, state):
+    if free_mass_moves(model, state):
         advance_free_masses(model.step, model.free_masses, state, slept)
     elif state.sleep[Sleep.WAKE_FRAME] == last + 1:
         extend_sleep(model.force, model.events, state, last + 1, LONG_SLEEP_FRAMES)
@@ -236,7 +199,7 @@ def render_partition(model, state, output, partition, frames):
             if not is_recorded and skip_chunk(state.sleep, n, start + begin, end - begin):
                 continue
             bounds = island_bounds(islands, partition, n)
-            part, part_state = island_model(model, state, bounds), island_state(state, bounds)
+            part, part_state = island_model(model, bounds), island_state(state, bounds)
             render_chunk(part, part_state, Block(output, bounds, start), begin, end)
         state.frame[partition] += end - begin
 
@@ -257,7 +220,8 @@ def render_chunk(model, state, block, begin, end):
     while i < end:
         frame = block.start + i
         update_before_sample(model, state, frame)
-        count = samples_to_sleep(state, frame, max_sleep(model, state, wants_motion(block.output), end - i))
+        is_flight_traced = wants_motion(block.output) and free_mass_moves(model, state)
+        count = samples_to_sleep(state, frame, 1 if is_flight_traced else end - i)
         if count > 0:
             record_sleep(model, state, block, i, count)
             finish_sleep(model, state, frame, count)
@@ -290,7 +254,7 @@ def render_steps(model, state, block, i, count):
         add_pickups(model, state, output.audio[i + n], frame + n)
         record_step(model, state, block, i + n, is_free)
         run_score(model, model.events, state, frame + n)
-        outcome = advance(model, state, frame + n, is_free, was_in_contact)
+        outcome = advance(model.refinement, model, state, frame + n, is_free, was_in_contact)
         if wants_energies(output):
             count_energy(outcome, state)
         keep_evaluations(state, outcome)

@@ -10,7 +10,6 @@ from engine.compiler.decorators import INT64_0, inline, noinline
 from engine.kernel.data.enums import EnergyTotal, Sleep, SleepMonitor
 from engine.kernel.modes.mode_step import add_free_step, forget_drift, motion_of
 from engine.kernel.modes.ordered_sums import accumulate
-from engine.kernel.modes.potential import has_weight
 from engine.kernel.run.events import next_due
 
 
@@ -24,14 +23,6 @@ def extend_sleep(force, events, state, frame, most):
 
 
 @inline
-def audible_free_mass_moves(model, free_masses, state):
-    """True if a pickup of the island registers free masses, and one of these moves."""
-    if free_masses is None:
-        return False
-    return free_masses.is_audible[0] and free_mass_moves(model, free_masses, state)
-
-
-@inline
 def try_sleep(model, state, until, energy):
     """Let an island whose contacts cannot close sleep until a frame, if its vibration and sound have died out. Returns
     True if it sleeps. `energy` is that of vibration, J."""
@@ -40,24 +31,20 @@ def try_sleep(model, state, until, energy):
     monitor[SleepMonitor.PEAK_EVER] = max(monitor[SleepMonitor.PEAK_EVER], monitor[SleepMonitor.PEAK])
     still = energy <= threshold * threshold * monitor[SleepMonitor.ENERGY_EVER]
     silent = monitor[SleepMonitor.PEAK] <= threshold * monitor[SleepMonitor.PEAK_EVER]
-    sleeps = still and silent and not audible_free_mass_moves(model, model.free_masses, state)
+    sleeps = still and silent and not (model.free_masses.is_audible[0] and free_mass_moves(model, state))
     if sleeps:
         state.sleep[Sleep.WAKE_FRAME] = until
-        state.sleep[Sleep.STATIC_UNTIL] = INT64_0 if free_mass_moves(model, model.free_masses, state) else until
+        state.sleep[Sleep.STATIC_UNTIL] = INT64_0 if free_mass_moves(model, state) else until
     monitor[SleepMonitor.PEAK] = 0.0
     return sleeps
 
 
 @inline
-def free_mass_moves(model, free_masses, state):
+def free_mass_moves(model, state):
     """True if a free mass moves, or is about to."""
-    if free_masses is None:
-        return False
-    for j in range(free_masses.mode.shape[0]):
-        m = free_masses.mode[j]
-        if state.p[m] != 0.0:
-            return True
-        if has_weight(model.weight, m):
+    for j in range(model.free_masses.mode.shape[0]):
+        m = model.free_masses.mode[j]
+        if state.p[m] != 0.0 or model.weight[m] != 0.0:
             return True
     return False
 
@@ -65,20 +52,18 @@ def free_mass_moves(model, free_masses, state):
 @noinline
 def advance_free_masses(h, free_masses, state, count):
     """Step the free masses by `count` samples."""
-    if free_masses is not None:
-        forget_drift(state)
-        for j in range(free_masses.mode.shape[0]):
-            m = free_masses.mode[j]
-            lost = 0.0
-            for _ in range(count):
-                lost += add_free_step((h, motion_of(state)), m, (0.0,))[0]
-            accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)
+    forget_drift(state)
+    for j in range(free_masses.mode.shape[0]):
+        lost = 0.0
+        for _ in range(count):
+            lost += add_free_step((h, motion_of(state)), free_masses.mode[j], (0.0,))[0]
+        accumulate(state.energy_totals, EnergyTotal.DISSIPATED, lost)
 
 
 @inline
 def skip_chunk(sleep, n, frame, count):
-    """True if island n of the scene, of which nothing is to be recorded, sleeps for `count` samples and nothing in it
-    flies. These samples are counted, and the island need not be looked at."""
+    """Count samples of island n of the scene, of which nothing is to be recorded, as slept through. Returns False if it
+    is awake, or something in it flies."""
     if sleep[n, Sleep.STATIC_UNTIL] >= frame + count:
         sleep[n, Sleep.SAMPLES_SLEPT] += count
         return True

@@ -6,7 +6,9 @@ loss/2 · kick/2 · [find the forces] · drift · kick/2 · loss/2
 from typing import NamedTuple
 
 from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.kernel.data.enums import SolveStatus
+from engine.kernel.contact.law import prepare_laws, work_of_drives
+from engine.kernel.data.effects import CONTACTS, EFFECTS, STRETCHING
+from engine.kernel.data.enums import EnergyTotal, SolveStatus
 from engine.kernel.interactions.connected_modes import move_connected_modes
 from engine.kernel.interactions.connections import (
     find_connection_forces,
@@ -15,12 +17,16 @@ from engine.kernel.interactions.connections import (
     push_by_connections,
 )
 from engine.kernel.interactions.contact_forces import finish_contacts, push_by_contacts
+from engine.kernel.interactions.contacts import invalidate_margins
 from engine.kernel.interactions.external_forces import finish_external_forces, push_by_external_forces
-from engine.kernel.interactions.friction import prepare_friction, work_of_surfaces
+from engine.kernel.interactions.island_energy import island_energy
+from engine.kernel.interactions.near_contacts import keep_all_contacts
 from engine.kernel.interactions.stretching_bodies import push_stretched
 from engine.kernel.interactions.tension import stretches
+from engine.kernel.modes.event_dampers import is_damping
 from engine.kernel.modes.mode_step import find_drift_momenta, forget_drift, reverse_momenta
 from engine.kernel.modes.moving_modes import PushedPoint, move_modes
+from engine.kernel.modes.ordered_sums import accumulate
 
 SAMPLE = 0.0, 1.0  # span of a step that is a whole sample
 
@@ -39,69 +45,57 @@ def step(model, settings, state):
     """Do a step. Returns a StepOutcome."""
     h, work, lost = settings.h, 0.0, 0.0
     find_drift_momenta(h, settings.kind, state)
-    is_forced = not settings.is_free and push_by_external_forces(model.force, model, settings, state)
+    is_forced = not settings.is_free and push_by_external_forces(model, settings, state)
     if not settings.is_free:
-        prepare_friction(model.contact, h.contact, state)
-    touch = push_by_interactions(model.tension, model, settings, is_forced, state)
-    if touch.status == SolveStatus.FAILED:
+        prepare_laws(model.contact, settings, state)
+    outcome = push_by_interactions(model, settings, is_forced, state)
+    if outcome.status == SolveStatus.FAILED:
         reverse_motion(state)
     else:
         if is_forced:
-            if not touch.is_measured:
-                push_by_connections(model.connection, h, state)
+            if not outcome.are_moves_measured:
+                push_by_connections(model.connection, h.connection, state)
             work = finish_external_forces(model.force, h.force, state)
-        work += work_of_surfaces(model.contact, h.contact, state)
-        lost = move(model.connection, h, touch, is_forced, state)
-        lost += finish_connections(model.connection, h, state) + finish_contacts(touch, state)
-    return StepOutcome(touch.status != SolveStatus.FREE, touch.evaluations, lost, work)
+        work += work_of_drives(model.contact, h.contact.duration, state)
+        lost = move(model.connection, h, outcome, is_forced, state)
+        lost += finish_connections(h.connection, state) + finish_contacts(outcome, state)
+    return StepOutcome(outcome.status != SolveStatus.FREE, outcome.evaluations, lost, work)
 
 
 @inline
-def push_by_interactions(tension, model, settings, is_forced, state):
-    """Find the forces of the step, and let those of contacts push. Returns a Touch."""
-    if tension is not None:
-        if stretches(tension, state):
-            return push_stretched(model, model.contact, settings, state)
+def push_by_interactions(model, settings, is_forced, state):
+    """Find the forces of the step, and let those of contacts push. Returns a ContactOutcome."""
+    if EFFECTS & STRETCHING:
+        if stretches(state):
+            return push_stretched(model, settings, state)
     find_connection_forces(model.connection, settings.h, state)
-    return push_by_contacts(model, model.contact, settings.h.contact, settings, is_forced, state)
+    return push_by_contacts(model, settings, is_forced, state)
+
+
+@inline
+def are_modes_independent(state):
+    """True if each mode moves by itself where no contact or force acts: exactly, in steps of any length, as in a
+    flight."""
+    return not (has_connections(state) or stretches(state) or is_damping(state))
 
 
 # --- the modes move
 
 
 @inline
-def move(connection, h, touch, is_forced, state):
+def move(connection, h, outcome, is_forced, state):
     """Move all modes, with the forces that were found. Returns the energy lost, J."""
-    is_measured = is_forced or touch.is_measured
-    is_pushed = is_measured or touch.status != SolveStatus.FREE
-    if connection is not None:
-        if not is_measured and has_connections(connection, state):
-            if is_pushed:
-                return move_connected_modes(connection, state.push, h, state)
-            return move_connected_modes(connection, None, h, state)
+    is_measured = is_forced or outcome.are_moves_measured
+    is_pushed = is_measured or outcome.status != SolveStatus.FREE
+    if not is_measured and has_connections(state):
+        if is_pushed:
+            return move_connected_modes(connection, state.push, h, state)
+        return move_connected_modes(connection, None, h, state)
     if not is_pushed:
         return move_modes(h, None, None, state)
-    return move_pushed(h.contact, h, touch.point_force, state)
-
-
-@inline
-def move_pushed(contact, h, force, state):
-    """Move all modes, on which contacts and external forces act. Returns the energy lost, J.
-
-    contact: ContactCoefficients or None
-    """
-    if contact is not None:
-        return move_at_point(contact.only_kick_phi, h, force, state)
-    return move_modes(h, state.push, None, state)
-
-
-@inline
-def move_at_point(kick_phi, h, force, state):
-    """Move all modes, on which an only contact acts with this force (N) if it is not 0, or else what has pushed.
-    Returns the energy lost, J."""
-    if kick_phi is not None:
-        if force != 0.0:
-            return move_modes(h, None, PushedPoint(kick_phi, None, INT64_0, force), state)
+    if EFFECTS & CONTACTS:
+        if outcome.point_force != 0.0:
+            return move_modes(h, None, PushedPoint(h.contact.only_kick_phi, None, INT64_0, outcome.point_force), state)
     return move_modes(h, state.push, None, state)
 
 
@@ -119,3 +113,21 @@ def reverse_motion(state):
     reverse_momenta(state.p)
     forget_drift(state)
     state.solve_outcomes[SolveStatus.REVERSED] += 1
+
+
+# --- changes by anything but a step, such as events: the energy that they bring counts as supplied
+
+
+@inline
+def begin_change(model, state):
+    """Know all compressions before a change. Returns the energy of the island, J."""
+    keep_all_contacts(model.contact, state)
+    return island_energy(model, state)
+
+
+@inline
+def end_change(model, state, before):
+    """Count what a change has supplied, and forget what was known of the motion. before: energy of the island, J"""
+    accumulate(state.energy_totals, EnergyTotal.SUPPLIED, island_energy(model, state) - before)
+    forget_drift(state)
+    invalidate_margins(state.refinement)

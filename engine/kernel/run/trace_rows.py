@@ -44,14 +44,14 @@ def write_trace(model, state, block, begin, count):
             trace.velocity[i, bounds.body_begin + b] = project(model.bodies, b, state.p)
         for k in range(state.compression.shape[0]):
             column = bounds.contact_begin + k
-            trace.compression[i, column] = compression_now(model.contact, state.connection, state, k, frame)
+            trace.compression[i, column] = compression_now(model.contact, state, k, frame)
             trace.force[i, column] = state.contact_force[k]
         trace.iterations[i] += state.law_evaluations[0]
         kinetic, potential, _ = kinetic_and_potential(model, state)
         trace.kinetic[i] += kinetic
         trace.potential[i] += potential + connection_energy(model.connection, state)
-        trace.potential[i] += stretching_energy(model.tension, model.omega_squared, state)
-        trace.contact[i] += contact_energy(model.contact, state)
+        trace.potential[i] += stretching_energy(model, state)
+        trace.contact[i] += contact_energy(state)
         trace.dissipated[i] += state.energy_totals[EnergyTotal.DISSIPATED]
         trace.supplied[i] += state.energy_totals[EnergyTotal.SUPPLIED]
 
@@ -64,7 +64,7 @@ def record_step(model, state, block, i, is_free):
     output, is_first, frame = block.output, block.bounds.is_first, block.start + i
     if wants_energies(output):
         is_seldom = output.wanted[Wanted.ENERGIES] == Energies.AT_CHECKS
-        if is_seldom or (is_free and has_connections(model.connection, state)):
+        if is_seldom or (is_free and has_connections(state)):
             if (frame - 1) % FLIGHT_FRAMES == 0 or frame == 0:
                 keep_energies(model, state)
             write_kept_energies(output.ledger, i, INT64_1, is_first, state.flight.ledger)

@@ -4,27 +4,26 @@ All compressions are in metres; `k` is the contact's index in its law's arrays. 
 `potential_coefficient` = kc/(α+1), in N/m^α: V(s) = potential_coefficient·[s]₊^(α+1).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from engine.compiler.decorators import inline
 from engine.compiler.elementary import expm1_of, log1p_of, power_of
-from engine.compiler.overloads import overload_by_type
-from engine.kernel.contact.friction_law import respond_by_friction, slides
-from engine.kernel.data.laws import SPECIAL_LAWS, Law, Power
+from engine.kernel.data.effects import CONTACT_LOSS, EFFECTS
+from engine.kernel.data.laws import SPECIAL_EXPONENTS, Law
 
-# --- laws of one exponent, and of any
+# --- functions of any exponent
 
 
-def branch_on_exponent(cases: Mapping[Any, Any], otherwise: Any) -> Any:
-    """Return a compiled function of an exponent and a value, which calls the case of the law of that exponent.
-
-    cases:     compiled functions of the value, by the class of the law
-    otherwise: a function of both, for all other exponents
-    """
+def branch_on_exponent(name: str, otherwise: Callable[..., Any]) -> Any:
+    """Return a compiled function of an exponent and a value: that which a special exponent has by this name
+    (engine.kernel.data.laws), and for all others `otherwise`, a function of both."""
     branch = inline(otherwise)
-    for law in reversed(SPECIAL_LAWS):
-        branch = inline(_either(law.ALPHA, cases[law], branch))
+    for special in reversed(SPECIAL_EXPONENTS):
+        if hasattr(special, name):
+            branch = inline(_either(special.ALPHA, inline(getattr(special, name)), branch))
     return branch
 
 
@@ -35,57 +34,6 @@ def _either(exponent: float, case: Any, otherwise: Any) -> Callable[[Any, Any], 
         return otherwise(alpha, value)
 
     return branch
-
-
-def _overload_of_one(function: Callable[..., Any], name: str, otherwise: Any) -> None:
-    """Compile a function of x for laws of all kinds.
-
-    name:      of the function that laws of one exponent may have for it
-    otherwise: a function of the exponent and x, for all other laws
-    """
-    of_exponent = inline(otherwise)
-
-    def at(alpha: float) -> Any:
-        return lambda x: of_exponent(alpha, x)
-
-    cases = {law: inline(getattr(law, name, None) or at(law.ALPHA)) for law in SPECIAL_LAWS}
-    branch = branch_on_exponent(cases, otherwise)
-
-    def of_kind(case: Any) -> Any:
-        return lambda law, k, x: case(x)
-
-    of_any = {Power: lambda law, k, x: branch(law.exponent[k], x)}
-    overload_by_type(function, {law: of_kind(case) for law, case in cases.items()} | of_any)
-
-
-def exponent(law: Law, k: int) -> float:
-    """Return α of contact k: a constant of the compiled code where the type of the law says it. In compiled code
-    only."""
-    raise TypeError("exponent is for compiled code")
-
-
-def power(law: Law, k: int, x: float) -> float:
-    """Return x^α for x ≥ 0. In compiled code only."""
-    raise TypeError("power is for compiled code")
-
-
-def inverse_power(law: Law, k: int, x: float) -> float:
-    """Return x^(1/α) for x ≥ 0. In compiled code only."""
-    raise TypeError("inverse_power is for compiled code")
-
-
-def root_of_potential(law: Law, k: int, x: float) -> float:
-    """Return x^(1/(α+1)) for x ≥ 0. In compiled code only."""
-    raise TypeError("root_of_potential is for compiled code")
-
-
-def power_difference_quotient(law: Law, k: int, a: float, b: float, d: float, larger_power: float) -> float:
-    """Return (b^(α+1) - a^(α+1))/(b - a) with a, b ≥ 0, not both 0. In compiled code only.
-
-    d:            |b - a|, which is known more precisely than they are
-    larger_power: x^α of the larger of the two; laws of one exponent do without
-    """
-    raise TypeError("power_difference_quotient is for compiled code")
 
 
 def general_quotient(alpha, value):
@@ -101,29 +49,38 @@ def general_quotient(alpha, value):
     return whole * (-expm1_of(n * log1p_of(-part))) / part
 
 
-def _constant(alpha: float) -> Any:
-    return lambda law, k: alpha
+any_power = branch_on_exponent("power", lambda alpha, x: power_of(x, alpha))
+any_inverse_power = branch_on_exponent("inverse_power", lambda alpha, x: power_of(x, 1.0 / alpha))
+any_root_of_potential = branch_on_exponent("root_of_potential", lambda alpha, x: power_of(x, 1.0 / (alpha + 1.0)))
+any_quotient = branch_on_exponent("quotient", general_quotient)
 
 
-def _quotient(law: Any) -> tuple[Any, Any]:
-    """Return the quotient of a law of one exponent twice: as a function of a value, and of arguments."""
-    case = inline(law.quotient)
-    return inline(lambda value: case(value[0], value[1])), lambda law, k, a, b, d, larger_power: case(a, b)
+@inline
+def power(law, k, x):
+    """Return x^α of contact k for x ≥ 0."""
+    return any_power(law.exponent[k], x)
 
 
-_quotients = {law: _quotient(law) for law in SPECIAL_LAWS}
-_any_quotient = branch_on_exponent({law: of_value for law, (of_value, _) in _quotients.items()}, general_quotient)
-_overload_of_one(power, "power", lambda alpha, x: power_of(x, alpha))
-_overload_of_one(inverse_power, "inverse_power", lambda alpha, x: power_of(x, 1.0 / alpha))
-_overload_of_one(root_of_potential, "root_of_potential", lambda alpha, x: power_of(x, 1.0 / (alpha + 1.0)))
-overload_by_type(
-    exponent, {law: _constant(law.ALPHA) for law in SPECIAL_LAWS} | {Power: lambda law, k: law.exponent[k]}
-)
-overload_by_type(
-    power_difference_quotient,
-    {law: of_arguments for law, (_, of_arguments) in _quotients.items()}
-    | {Power: lambda law, k, a, b, d, larger_power: _any_quotient(law.exponent[k], (a, b, d, larger_power))},
-)
+@inline
+def inverse_power(law, k, x):
+    """Return x^(1/α) of contact k for x ≥ 0."""
+    return any_inverse_power(law.exponent[k], x)
+
+
+@inline
+def root_of_potential(law, k, x):
+    """Return x^(1/(α+1)) of contact k for x ≥ 0."""
+    return any_root_of_potential(law.exponent[k], x)
+
+
+@inline
+def power_difference_quotient(law, k, a, b, d, larger_power):
+    """Return (b^(α+1) - a^(α+1))/(b - a) of contact k with a, b ≥ 0, not both 0.
+
+    d:            |b - a|, which is known more precisely than they are
+    larger_power: x^α of the larger of the two; special exponents do without
+    """
+    return any_quotient(law.exponent[k], (a, b, d, larger_power))
 
 
 # --- force and energy
@@ -141,7 +98,7 @@ def elastic_force(law, k, s):
     """Elastic force f(s) = kc·[s]₊^α, N."""
     if s <= 0.0:
         return 0.0
-    return law.potential_coefficient[k] * (exponent(law, k) + 1.0) * power(law, k, s)
+    return law.potential_coefficient[k] * (law.exponent[k] + 1.0) * power(law, k, s)
 
 
 @inline
@@ -170,7 +127,7 @@ def discrete_gradient(law, k, start, b, eta):
     1e-16. start: StepStart, whose power counts where b < s
     """
     s, start_power = start
-    alpha, end_power = exponent(law, k), power(law, k, b)
+    alpha, end_power = law.exponent[k], power(law, k, b)
     end = (alpha + 1.0) * end_power  # dV/db
     if s <= 0.0:  # entering: only part of the step is spent in contact
         phi = end_power * (b / eta)
@@ -196,40 +153,18 @@ def discrete_gradient(law, k, start, b, eta):
 # --- with loss: f = φ(s, b)·max(0, 1 + μη/h), φ the discrete gradient (Hunt and Crossley; paper, eq. 41)
 
 
-class LossyLaw(NamedTuple):
-    """The law of contacts, with their loss in a step."""
-
-    elastic: Any  # a Law
-    loss_rate: Any  # μ/h of each contact, 1/m; None where the scene has no contact loss
-    friction: Any  # State.friction
-
-
 @inline
-def law_in_step(contact, h, state):
-    """Return the LossyLaw of all contacts in a step. h: ContactCoefficients"""
-    return LossyLaw(contact.law, h.loss_rate, state.friction)
-
-
-@inline
-def step_start(law, k, s):
-    """Return the StepStart of contact k, or of a point of friction. law: LossyLaw"""
-    if s <= 0.0 or slides(law.friction, k):
-        return StepStart(s, 0.0)
-    return StepStart(s, power(law.elastic, k, s))
+def elastic_law(state):
+    """Return the Law of all contacts."""
+    return Law(state.potential_coefficient, state.exponent)
 
 
 @inline
 def loss_rate_of(law, k):
-    """Hunt-Crossley rate μ/h of contact k in 1/m. law: LossyLaw"""
-    return item_or_zero(law.loss_rate, k)
-
-
-@inline
-def item_or_zero(items, k):
-    """Return item k of an array; 0 if there is no array."""
-    if items is None:
-        return 0.0
-    return items[k]
+    """Hunt-Crossley rate μ/h of contact k in 1/m. law: Laws"""
+    if EFFECTS & CONTACT_LOSS:
+        return law.loss_rate[k]
+    return 0.0
 
 
 @inline
@@ -255,10 +190,8 @@ def response_in_contact(law, k, start, b, eta, rate):
 
 
 @inline
-def contact_response(law, k, s, eta):
-    """Return the mean force and slope df/dη of contact k, or of a point of friction, for a step η."""
-    if slides(law.friction, k):
-        return respond_by_friction(law.friction, k, s, eta)
+def respond_by_power_law(law, k, s, eta):
+    """Return the mean force and slope df/dη of contact k for a step η."""
     b = s + eta
     rate = loss_rate_of(law, k)
     if 1.0 + rate * eta <= 0.0:
@@ -284,7 +217,7 @@ def end_force_of(law, k, b):
 def force_of_lossy_law(law, k, s, eta, f):
     """Force of the contact law for a step, N, if there is contact loss: that of a capped solve, f, may differ."""
     if loss_rate_of(law, k) > 0.0:
-        return contact_response(law, k, s, eta)[0]
+        return respond_by_power_law(law, k, s, eta)[0]
     return f
 
 
@@ -318,3 +251,75 @@ def energy_gained(law, k, moved, solution):
     what rounding moved the compression beyond it. moved: how far it moved in all, m"""
     eta, _, f, _, end_force = solution
     return f / (1.0 + loss_rate_of(law, k) * eta) * eta + end_force * (moved - eta)
+
+
+# --- after a small further move, in the middle of a solve
+
+
+class ForceEstimate(NamedTuple):
+    """Estimate of the force of a contact in the middle of a solve."""
+
+    eta: float  # change of compression, m
+    end: float  # compression at the end of the step, m
+    force: float  # N
+    slope: float  # of the force, N/m
+
+
+@inline
+def extrapolation_error(law, k, s, estimate, move):
+    """Return the relative errors of the force after a small further move, to first order and to second."""
+    eta, b, f, slope = estimate
+    if f <= 0.0:
+        none = 0.0 if b <= 0.0 or move == 0.0 else np.inf
+        return none, none
+    scale = max(s, abs(eta)) if s > 0.0 else b
+    size = (law.exponent[k] + 1.0) * abs(move) / scale
+    change = max(size, abs(move) * slope / f)
+    near = size * max(1.0, scale / abs(b))  # beyond the first, derivatives have a kink at b = 0
+    return size * change, near * near * max(change, near)
+
+
+@inline
+def second_order_change(law, k, start, estimate, move):
+    """Return the change of the force of contact k of second order in a small move."""
+    eta, b, f, _ = estimate
+    if b > 0.0:
+        _, _, ddf, _ = response_in_contact(law.elastic, k, start, b, eta, loss_rate_of(law, k))
+        return 0.5 * ddf * move * move
+    return f * (move / eta) * (move / eta)
+
+
+# --- a solution is stored
+
+
+@inline
+def store_power_law(law, state, k, solution, residual):
+    """Store the new compression and force of contact k. Returns the energy lost, J.
+
+    law: Laws; solution, residual: as of engine.kernel.contact.law.store_solution
+
+    The rounding of a step has the same sign at every step of a contact, and would add up (2e-13 of the energy in 60
+    ms). It consists of the low part of B, the residual of the solution, and the step's part beneath the last digit of
+    the compression. It is carried to the next step (Kahan).
+    """
+    eta, b, f, _, _ = solution
+    s = state.compression[k]
+    lost = dissipation_of(law, k, s, solution, residual)
+    residue = state.compression_compensation[k] + residual
+    if 2.0 * abs(eta) < b:
+        end = s + (eta + residue)
+        residue = (eta + residue) - (end - s)
+    else:  # beside a long step to a small compression, what rounding left of the step is no longer small
+        end = b
+    state.compression_compensation[k] = residue
+    state.compression[k] = end
+    state.contact_force[k] = f
+    return lost
+
+
+@inline
+def energy_beyond_work(state, k, s, lost, f):
+    """Energy that contact k has gained since its compression was s, and lost, beyond the work of the bodies against its
+    force f, J."""
+    end = state.compression[k]
+    return potential_difference(elastic_law(state), k, s, end, end - s) + lost - f * state.free_displacement[k]

@@ -8,8 +8,8 @@ import numpy as np
 
 from engine.assembly.layout import Layout
 from engine.assembly.mode_shape_rows import ShapeRow, mode_shape_rows
-from engine.kernel.data.enums import PairOnBody, SoftMatrix
-from engine.kernel.data.model import Softening
+from engine.kernel.data.enums import PairOnBody, StiffenedMatrix
+from engine.kernel.data.model import Stiffening
 
 
 class BodyPairs(NamedTuple):
@@ -17,10 +17,10 @@ class BodyPairs(NamedTuple):
 
     rows: list[ShapeRow]  # of the points
     pairs: np.ndarray  # [pairs, len(PairOnBody)]; the shapes are those of the rows, by number
-    matrix: np.ndarray  # [pairs], SoftMatrix of each
+    matrix: np.ndarray  # [pairs], StiffenedMatrix of each
 
 
-def softening(layout: Layout, bodies: Sequence[int]) -> Softening:
+def stiffening(layout: Layout, bodies: Sequence[int]) -> Stiffening:
     """Return the pairs of contacts and coordinates of connections on bodies, by their numbers in the scene."""
     rows, pairs, begins = list[ShapeRow](), list[np.ndarray](), list[list[int]]()
     for n in range(len(layout.islands.bodies)):
@@ -33,11 +33,11 @@ def softening(layout: Layout, bodies: Sequence[int]) -> Softening:
             matrices.append(body.matrix)
         matrix = np.concatenate(matrices)
         pairs.append(np.concatenate(of_island)[np.argsort(matrix, kind="stable")])
-        begins.append([int(np.sum(matrix < kind)) for kind in range(len(SoftMatrix) + 1)])
+        begins.append([int(np.sum(matrix < kind)) for kind in range(len(StiffenedMatrix) + 1)])
     placed, joined = mode_shape_rows(rows), np.concatenate(pairs)
     for column in (PairOnBody.SHAPE, PairOnBody.OTHER_SHAPE):
         joined[:, column] = placed.offset[joined[:, column]]
-    return Softening(joined, np.array(begins, np.int64), placed.phi)
+    return Stiffening(joined, np.array(begins, np.int64), placed.phi)
 
 
 def count_pairs(layout: Layout, bodies: Sequence[int]) -> list[int]:
@@ -72,13 +72,12 @@ def _bodies_with_points(layout: Layout, island: int, bodies: Sequence[int]) -> I
 
 def _places(i: np.ndarray, j: np.ndarray, contacts: int, connections: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where the entries of pairs are in their matrix, once more if it is symmetric or -1, and which matrix it is
-    (SoftMatrix). i, j: numbers of points, i >= j; contacts come first"""
+    (StiffenedMatrix). i, j: numbers of points, i >= j; contacts come first"""
     size = np.where(j < contacts, contacts, connections)
     a, b = np.where(j < contacts, i, i - contacts), np.where(j < contacts, j, j - contacts)
     is_mixed = (i >= contacts) & (j < contacts)
     target = np.where(is_mixed, j * connections + i - contacts, a * size + b)
     mirror = np.where(is_mixed | (i == j), -1, b * size + a)
-    matrix = np.where(
-        is_mixed, SoftMatrix.CONTACT_MOVES, np.where(j < contacts, SoftMatrix.CONTACTS, SoftMatrix.CONNECTIONS)
-    )
+    unmixed = np.where(j < contacts, StiffenedMatrix.CONTACTS, StiffenedMatrix.CONNECTIONS)
+    matrix = np.where(is_mixed, StiffenedMatrix.CONTACT_MOVES, unmixed)
     return target, mirror, matrix

@@ -1,0 +1,1 @@
+"""Sound files: where a sound begins and ends in its file, how loud it is, and what the file says of itself."""

@@ -10,8 +10,10 @@ from pydantic import Field
 from pydantic_core import InitErrorDetails
 
 from engine.arithmetic.elementary import cosh, exp, sin_and_cos, square, tanh
+from engine.arithmetic.plain_numbers import whole_power
 from engine.bodies.body import TO_60_DB
 from engine.bodies.distributed import LineBody, ModeSet, mode_numbers, rise_from_one
+from engine.bodies.materials import Material, MaterialName, absent_losses, absent_numbers
 from engine.bodies.table import KeyPath, Positive, Table, are_positive, is_given, make_fault
 from engine.bodies.tips import Compliance
 
@@ -42,6 +44,21 @@ class Bar(LineBody):
         default="free", description="both ends free, both clamped, or the first clamped"
     )
     bending_stiffness: float | None = Field(default=None, gt=0.0, le=1e12, description="bending stiffness EI, N·m²")
+    young: float | None = Field(
+        default=None, gt=0.0, le=1e15, description="Young's modulus, Pa; with width and thickness it gives EI"
+    )
+    density: float | None = Field(
+        default=None, gt=0.0, le=1e6, description="density, kg/m³; with width and thickness, instead of mass"
+    )
+    width: float | None = Field(default=None, gt=0.0, le=1e3, description="width of a rectangular bar, m")
+    thickness: float | None = Field(
+        default=None, gt=0.0, le=1e3, description="thickness of a rectangular bar in the direction in which it bends, m"
+    )
+    material: MaterialName | None = Field(
+        default=None,
+        description="material of a bar of given width and thickness: gives what is not given of young (unless"
+        " bending_stiffness or frequency is), density (unless mass or linear_density is), and decay",
+    )
     cords: Cords | None = Field(
         default=None, description="cords under a free bar; soft ones if neither cords nor a support are given"
     )
@@ -53,10 +70,25 @@ class Bar(LineBody):
     )
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
-        ("linear_density", "mass", "linear_density in kg/m or mass in kg"),
-        ("bending_stiffness", "frequency", "bending_stiffness in N·m² or frequency in Hz"),
+        ("linear_density", "mass", "density", "linear_density in kg/m, mass in kg, or density in kg/m³"),
+        ("bending_stiffness", "frequency", "young", "bending_stiffness in N·m², frequency in Hz, or young in Pa"),
     ]
-    PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "bending_stiffness": 2}
+    PITCH_POWERS: ClassVar[dict[str, int]] = {"frequency": 1, "bending_stiffness": 2, "young": 2}
+
+    def mass_per_length(self) -> float:
+        """Mass per length, kg/m; of a material ρ·width·thickness."""
+        if self.density is not None:
+            return self.density * (self.width or 0.0) * (self.thickness or 0.0)
+        return super().mass_per_length()
+
+    def bending(self) -> float | None:
+        """Bending stiffness EI, N·m²: as given, or E·width·thickness³/12; None if a frequency is given instead."""
+        if self.young is not None:
+            return self.young * (self.width or 0.0) * whole_power(self.thickness or 0.0, 3) / 12
+        return self.bending_stiffness
+
+    def bending_thickness(self) -> float | None:
+        return self.thickness
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """ω = β²·√(EI/μ), where cos(βL)·cosh(βL) = 1 (both ends free, or both clamped) or -1 (cantilever); shapes of
@@ -65,8 +97,9 @@ class Bar(LineBody):
         density, length = self.mass_per_length(), self.length
         first = float(bar_roots(self.ends, np.array([1.0]))[0])
         speed = 2 * math.pi * (self.frequency or 0.0) * square(length / first)
-        if self.bending_stiffness:
-            speed = math.sqrt(self.bending_stiffness / density)
+        bending = self.bending()
+        if bending is not None:
+            speed = math.sqrt(bending / density)
         if self.ratios is not None:
             root = bar_roots(self.ends, np.arange(1.0, len(self.ratios) + 1))
             omega = speed * square(first / length) * np.array(self.ratios)
@@ -102,9 +135,26 @@ class Bar(LineBody):
         return omega * np.array([1.0, math.sqrt(12) * (0.5 - NODE)]), np.full(2, sigma)
 
     @classmethod
+    def numbers_of_material(cls, table: dict[str, Any], material: Material) -> dict[str, Any]:
+        numbers = absent_losses(table, material)
+        if not is_given(table, "linear_density") and not is_given(table, "mass"):
+            numbers |= absent_numbers(table, density=material.density)
+        if not is_given(table, "bending_stiffness") and not is_given(table, "frequency"):
+            numbers |= absent_numbers(table, young=material.young)
+        return numbers
+
+    @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
-        """Cords hold a free bar; the ratios of partials rise from 1."""
+        """Cords hold a free bar; the ratios of partials rise from 1; what a material gives goes with a section."""
         yield from super().faults(path, table)
+        of_material = [key for key in ("young", "density") if is_given(table, key)]
+        for key in ("width", "thickness"):
+            if of_material and not is_given(table, key):
+                remedy = "young in Pa and density in kg/m³ go with width and thickness in m"
+                yield make_fault(path, table, f"{of_material[0]} is given, and no {key}", remedy)
+            elif is_given(table, key) and not of_material:
+                remedy = "give a material, or young in Pa and density in kg/m³"
+                yield make_fault((*path, key), table[key], f"a {key} of no material", remedy)
         if is_given(table, "cords") and table.get("ends", "free") != "free":
             message = f"cords under a bar that is {table['ends']}"
             yield make_fault((*path, "cords"), table["cords"], message, 'a bar with ends = "free" lies on cords')

@@ -10,6 +10,7 @@ from pydantic import Field
 from pydantic_core import InitErrorDetails
 
 from engine.arithmetic.plain_numbers import log, power
+from engine.bodies.materials import Material
 from engine.bodies.stretching import Stretching
 from engine.bodies.table import KeyPath, Name, Table, is_number
 
@@ -139,6 +140,11 @@ class BodyTable(Table):
     def position_help(cls, table: dict[str, Any]) -> str:
         """Describe a position on the body of a table in words."""
         return "a fraction of its length, 0 to 1"
+
+    @classmethod
+    def numbers_of_material(cls, table: dict[str, Any], material: Material) -> dict[str, Any]:
+        """Return what a material gives the body of a table beside what the table gives. The table is as it was read."""
+        return {}
 
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:

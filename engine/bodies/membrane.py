@@ -12,10 +12,11 @@ from pydantic_core import InitErrorDetails
 from engine.arithmetic.bessel import bessel_j, zeros_of_j
 from engine.arithmetic.elementary import arctan2, cos, hypot, square
 from engine.bodies.distributed import ModeSet
+from engine.bodies.materials import Material, MaterialName, absent_numbers
 from engine.bodies.plate_modes import PlateStiffness, supported_plate_modes
 from engine.bodies.sheet import MAX_SHEET_MODES, TunedSheet
 from engine.bodies.stretching import Stretching
-from engine.bodies.table import KeyPath, is_given, make_fault
+from engine.bodies.table import KeyPath, are_positive, is_given, make_fault
 from engine.bodies.tips import Compliance, Tip, mean_over_disc, sum_waves
 
 FIRST_ZERO = 2.404825557695773  # of J0
@@ -35,6 +36,12 @@ class Membrane(TunedSheet):
     )
     thickness: float | None = Field(default=None, gt=0.0, le=1.0, description="thickness, m")
     poisson: float | None = Field(default=None, ge=0.0, lt=0.5, description="Poisson's ratio; 0.3 if absent")
+
+    material: MaterialName | None = Field(
+        default=None,
+        description="material of the membrane: with a thickness it gives what is not given of area_density, poisson,"
+        " and young (unless stretching_stiffness is)",
+    )
 
     EXACTLY_ONE_OF: ClassVar[list[tuple[str, ...]]] = [
         *TunedSheet.EXACTLY_ONE_OF,
@@ -66,10 +73,20 @@ class Membrane(TunedSheet):
         return np.asarray(square(omega) / self.tension_for(self.lowest_wave_number()))
 
     @classmethod
+    def numbers_of_material(cls, table: dict[str, Any], material: Material) -> dict[str, Any]:
+        numbers = absent_numbers(table, poisson=material.poisson)
+        if not is_given(table, "stretching_stiffness"):
+            numbers |= absent_numbers(table, young=material.young)
+        if are_positive([table.get("thickness")]):
+            numbers |= absent_numbers(table, area_density=material.density * table["thickness"])
+        return numbers
+
+    @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
         """Its Young's modulus and its thickness go together."""
         yield from super().faults(path, table)
-        if is_given(table, "young") != is_given(table, "thickness"):
+        is_in_need = is_given(table, "thickness") and not is_given(table, "material")  # of a modulus
+        if is_given(table, "young") != is_given(table, "thickness") and (is_given(table, "young") or is_in_need):
             missing = "thickness" if is_given(table, "young") else "young"
             yield make_fault(path, table, f"no {missing} is given", "young in Pa and thickness in m go together")
 

@@ -14,10 +14,11 @@ from engine.arithmetic.plain_numbers import whole_power
 from engine.bodies.bar import Cords
 from engine.bodies.circular_plate_modes import circular_plate_modes
 from engine.bodies.distributed import ModeSet
+from engine.bodies.materials import Material, MaterialName, absent_losses, absent_numbers
 from engine.bodies.plate_modes import MAX_RITZ_MODES, PlateModes, PlateStiffness, rectangle_plate_modes
 from engine.bodies.sheet import MAX_SHEET_MODES, TunedSheet
 from engine.bodies.stretching import Stretching
-from engine.bodies.table import KeyPath, is_given, make_fault
+from engine.bodies.table import KeyPath, are_positive, is_given, make_fault
 from engine.bodies.tips import Compliance, sum_waves
 
 MODES_OF_STATICS = 4_000  # beyond, a point gives way by less than 1e-3 more
@@ -53,6 +54,11 @@ class Plate(TunedSheet):
     )
     tension: float | None = Field(
         default=None, gt=0.0, le=1e9, description="tension in addition to the flexural rigidity, N/m"
+    )
+    material: MaterialName | None = Field(
+        default=None,
+        description="material of the plate: with a thickness it gives what is not given of young (unless"
+        " flexural_rigidity or frequency is), shear, poisson, area_density, and decay",
     )
     cords: Cords | None = Field(
         default=None, description="cords of a free plate; soft ones if neither cords nor a support are given"
@@ -179,11 +185,21 @@ class Plate(TunedSheet):
         return 3 if self.edges == "free" else 0
 
     @classmethod
+    def numbers_of_material(cls, table: dict[str, Any], material: Material) -> dict[str, Any]:
+        numbers = absent_numbers(table, poisson=material.poisson) | absent_losses(table, material)
+        if are_positive([table.get("thickness")]):
+            numbers |= absent_numbers(table, area_density=material.density * table["thickness"])
+        if not any(is_given(table, key) for key in ("young", "flexural_rigidity", "frequency")):
+            numbers |= {"young": material.moduli()} | absent_numbers(table, shear=material.shear or None)
+        return numbers
+
+    @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
         """Its stiffness is given in one way, and what holds it goes with its edges."""
         yield from super().faults(path, table)
         young, edges = table.get("young"), table.get("edges", "supported")
-        if is_given(table, "young") != is_given(table, "thickness"):
+        is_in_need = is_given(table, "thickness") and not is_given(table, "material")  # of a modulus
+        if is_given(table, "young") != is_given(table, "thickness") and (is_given(table, "young") or is_in_need):
             missing = "thickness" if is_given(table, "young") else "young"
             yield make_fault(path, table, f"no {missing} is given", "young in Pa and thickness in m go together")
         if is_given(table, "shear") and not isinstance(young, list):

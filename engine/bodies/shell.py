@@ -10,6 +10,7 @@ from engine.arithmetic.elementary import power, square
 from engine.bodies.cylinder_modes import Shell, cylinder_modes
 from engine.bodies.distributed import ModeSet
 from engine.bodies.initial_shape import Profile, Quadrature, peak_of_rectangle, rectangle_quadrature
+from engine.bodies.materials import Material, MaterialName, absent_losses, absent_numbers
 from engine.bodies.plate_modes import MAX_RITZ_MODES
 from engine.bodies.sheet import SheetBody
 
@@ -27,10 +28,19 @@ class CylindricalShell(SheetBody):
     young: float = Field(gt=0.0, le=1e15, description="Young's modulus, Pa")
     poisson: float = Field(default=0.3, ge=0.0, lt=0.5, description="Poisson's ratio")
     density: float = Field(gt=0.0, le=1e6, description="density of the material, kg/m³")
+    material: MaterialName | None = Field(
+        default=None,
+        description="material of the shell: gives what is not given of young, poisson, density and decay",
+    )
     ends: Literal["free", "supported", "clamped"] = Field(default="free", description="boundary condition of both rims")
 
     BEGINS_AT_REST: ClassVar[bool] = True
     PITCH_POWERS: ClassVar[dict[str, int]] = {"young": 2}
+
+    @classmethod
+    def numbers_of_material(cls, table: dict[str, Any], material: Material) -> dict[str, Any]:
+        numbers = {"young": material.young, "poisson": material.poisson, "density": material.density}
+        return absent_numbers(table, **numbers) | absent_losses(table, material)
 
     def free_modes(self, max_omega: float) -> ModeSet:
         """Outward motion of the modes of two and more waves around (engine.bodies.cylinder_modes)."""

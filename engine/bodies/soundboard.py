@@ -2,7 +2,7 @@
 
 import math
 from functools import lru_cache
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -10,6 +10,7 @@ from engine.arithmetic.elementary import square
 from engine.arithmetic.plain_numbers import whole_power
 from engine.bodies.decay import LossFactorDecay
 from engine.bodies.distributed import ModeSet
+from engine.bodies.materials import MATERIALS
 from engine.bodies.plate_modes import PlateStiffness, Rib, rectangle_plate_modes
 from engine.bodies.sheet import FlatSheet
 from engine.bodies.table import Fraction, Positive, Table
@@ -19,28 +20,6 @@ LOSS_FACTOR = 0.02  # of a soundboard that gives no loss (Ege, Boutillon & Rébi
 board_modes = lru_cache(16)(rectangle_plate_modes)
 
 
-class Wood(NamedTuple):
-    """Quarter-sawn wood at 12 % moisture."""
-
-    along: float  # E_L, Pa
-    across: float  # E_R, Pa
-    shear: float  # G_LR, Pa
-    poisson: float  # ν_LR
-    density: float  # kg/m³
-
-
-def _wood(young: float, across: float, shear: float, poisson: float, gravity: float) -> Wood:
-    """From the tables of the USDA Wood Handbook (2010), ch. 5: E_L is a tenth above the modulus in bending, the other
-    moduli are ratios of it, and the density at 12 % moisture is 1120 kg/m³ times the specific gravity."""
-    stiff = 1.1 * young
-    return Wood(stiff, across * stiff, shear * stiff, poisson, 1120.0 * gravity)
-
-
-WOODS = {
-    "spruce": _wood(10.8e9, 0.078, 0.064, 0.372, 0.40),  # Sitka spruce
-    "cedar": _wood(7.7e9, 0.081, 0.087, 0.378, 0.32),  # western red cedar
-    "maple": _wood(12.6e9, 0.132, 0.111, 0.424, 0.63),  # sugar maple
-}
 WoodName = Literal["spruce", "cedar", "maple"]
 
 
@@ -91,14 +70,14 @@ class Soundboard(FlatSheet):
         return ModeSet(omega, self.decay_rates(omega, beta) if has_loss else law.rates(omega, beta), shape)
 
     def surface_density(self) -> float:
-        return WOODS[self.wood].density * self.thickness
+        return MATERIALS[self.wood].density * self.thickness
 
     def stiffness(self) -> PlateStiffness:
         """Flexural rigidities of the board alone, N·m (Timoshenko & Woinowsky-Krieger, sec. 85)."""
-        wood, bend = WOODS[self.wood], whole_power(self.thickness, 3) / 12
-        other = wood.poisson * wood.across / wood.along
+        wood, bend = MATERIALS[self.wood], whole_power(self.thickness, 3) / 12
+        other = wood.poisson * wood.across / wood.young
         solid = bend / (1 - wood.poisson * other)
-        return PlateStiffness(wood.along * solid, wood.across * solid, other * wood.along * solid, wood.shear * bend)
+        return PlateStiffness(wood.young * solid, wood.across * solid, other * wood.young * solid, wood.shear * bend)
 
     def beams(self) -> tuple[Rib, ...]:
         """Ribs and bridges."""
@@ -114,12 +93,12 @@ class Soundboard(FlatSheet):
 
         spacing: m, of the strip; at most a fifth of the length of the beam bends with it
         """
-        glued, board = WOODS[cut.wood], WOODS[self.wood]
-        modulus = board.across if along == "y" else board.along
+        glued, board = MATERIALS[cut.wood], MATERIALS[self.wood]
+        modulus = board.across if along == "y" else board.young
         strip = min(spacing, self.size[1 if along == "y" else 0] / 5)
-        stretch, stretch_of_board = glued.along * cut.width * cut.height, modulus * strip * self.thickness
+        stretch, stretch_of_board = glued.young * cut.width * cut.height, modulus * strip * self.thickness
         apart = (cut.height + self.thickness) / 2
-        alone = glued.along * cut.width * whole_power(cut.height, 3) / 12
+        alone = glued.young * cut.width * whole_power(cut.height, 3) / 12
         bending = alone + square(apart) * stretch * stretch_of_board / (stretch + stretch_of_board)
         return Rib(along, at, bending, glued.density * cut.width * cut.height)
 

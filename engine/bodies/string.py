@@ -19,6 +19,7 @@ from engine.arithmetic.elementary import sin, sinc, square
 from engine.bodies.body import MAX_MODES, ModalBody
 from engine.bodies.distributed import LineBody, ModeSet, mode_numbers
 from engine.bodies.initial_shape import InitialShape
+from engine.bodies.materials import Material, MaterialName, absent_numbers
 from engine.bodies.stretching import Stretching, axial_stiffness
 from engine.bodies.table import KeyPath, are_positive, is_given, make_fault
 from engine.bodies.tips import Compliance, Tip, sum_modes
@@ -55,6 +56,11 @@ class String(LineBody):
     )
     density: float | None = Field(
         default=None, gt=0.0, le=1e5, description="density, kg/m³; with the diameter, instead of the linear density"
+    )
+    material: MaterialName | None = Field(
+        default=None,
+        description="material of a string of given diameter: gives what is not given of young, and of density (unless"
+        " linear_density or mass is); it stretches, unless axial_stiffness = 0",
     )
 
     polarisations: int = Field(
@@ -109,6 +115,13 @@ class String(LineBody):
             return tension, self.inharmonicity * tension / square(beta)
         bending = self.bending()
         return stiffness - bending * square(beta), bending
+
+    @classmethod
+    def numbers_of_material(cls, table: dict[str, Any], material: Material) -> dict[str, Any]:
+        numbers = absent_numbers(table, young=material.young)
+        if not is_given(table, "linear_density") and not is_given(table, "mass"):
+            numbers |= absent_numbers(table, density=material.density)
+        return numbers
 
     @classmethod
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:

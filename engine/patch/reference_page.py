@@ -11,6 +11,7 @@ from typing import Any
 
 from engine.bodies.decay import DECAY_LAWS
 from engine.bodies.initial_shape import INITIAL_SHAPES
+from engine.bodies.materials import MATERIALS
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
 from engine.patch.number_format import format_number, split_unit
 
@@ -28,6 +29,12 @@ the name of a measured point.
 `fdh params PATCH` lists its numbers. Editors that know TOML schemas (Taplo, Even Better TOML) complete and check
 keys if the first line of a patch is `#:schema` and the path of `patches/patch.schema.json`, as in those shipped.
 """
+
+MATERIALS_PREFACE = """A material gives a body what its table does not: Young's modulus E, Poisson's ratio ν, density
+and loss factor η; wood has E along its grain (the x of a plate) and across it. What is held or radiates loses more than
+its material does: give a `decay` if it rings too long. Sources: a, Fletcher & Rossing, The Physics of Musical
+Instruments (1998), ch. 22; b, Cremer, Heckl & Petersson, Structure-Borne Sound (2005), ch. 4; c, Ashby, Materials
+Selection in Mechanical Design (2011), appendix A, the middle of the range; d, USDA Wood Handbook (2010), ch. 5."""
 
 # arrays of tables and [accuracy]: their headings; and the tables inside them with the names of their models, where one
 # key has several
@@ -103,7 +110,20 @@ def reference_page() -> str:
         inner = inner or {title: model for table in tables.values() for title, model in _inner_tables(table)}
         for title, model in inner.items():
             lines += [f"### `{title}`", "", *_table_section(schema["definitions"][model])]
+        lines += _materials() if name == "body" else []
     return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
+
+
+def _materials() -> list[str]:
+    """Lines that list the materials."""
+    lines = ['### `material = "…"`', "", MATERIALS_PREFACE, ""]
+    lines += ["| material | E, GPa | ν | density, kg/m³ | η | source |", "| --- | --- | --- | --- | --- | --- |"]
+    for name, material in MATERIALS.items():
+        young = " and ".join(f"{modulus / 1e9:.3g}" for modulus in (material.young, material.across) if modulus)
+        numbers = f"{material.poisson:g}", f"{material.density:.4g}", f"{material.loss_factor:g}"
+        cells = (young, *numbers, material.source)
+        lines.append("| " + " | ".join((f"`{name}`", *cells)) + " |")
+    return [*lines, ""]
 
 
 def _inner_tables(table: dict[str, Any]) -> Iterator[tuple[str, str]]:

@@ -28,6 +28,7 @@ from engine.patch.control_tables import Control, Midi
 from engine.patch.frames import SAMPLE_RATE_RANGE
 from engine.patch.friction import Friction
 from engine.patch.live_parameters import live_paths
+from engine.patch.materials import fill_in_materials
 from engine.patch.named_values import fill_in_values
 from engine.patch.positions import tables_of
 from engine.patch.rules import check_rules
@@ -133,6 +134,7 @@ class SceneTables(Table):
         if isinstance(data, dict):
             data, bow_faults = expand_bows(data, document is not None, context.get("origins", {}))
             faults += bow_faults
+            data = fill_in_materials(data)
             data, file_faults = _read_body_files(_limit_integers(data), folder)
             faults += [*file_faults, *islice(_check_force_files(data, folder), MAX_FAULTS_COLLECTED)]
         try:

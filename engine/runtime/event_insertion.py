@@ -3,6 +3,7 @@
 from engine.compiler.decorators import inline, kernel
 from engine.compiler.intrinsics import float64_view, int64_view
 from engine.compiler.struct_types import load_struct
+from engine.kernel.contact.law import update_laws
 from engine.kernel.data.effects import EFFECTS, EVENTS
 from engine.kernel.data.enums import (
     UNUSED_SLOT,
@@ -96,10 +97,11 @@ def interrupt_at(state, n, start):
 
 @inline
 def make_island_ready(model, state, n, frame):
-    """Wake an island, and update the state that was not computed while nothing could act on it."""
+    """Bring an island up to a frame: wake it, and compute what was not while nothing could act on it."""
+    bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
+    part, part_state = island_model(model, bounds), island_state(state, bounds)
+    update_laws(part_state, frame + 0.0)
     if max(state.contact_free_until[n], state.sleep[n, Sleep.WAKE_FRAME]) >= frame:
-        bounds = island_bounds(model.islands, partition_of(model.islands, n), n)
-        part, part_state = island_model(model, bounds), island_state(state, bounds)
         end_flight(part, part_state, frame)
         reset_open_contacts(part.contact, part_state)
         interrupt_at(state, n, frame)

@@ -211,6 +211,23 @@ def test_samples_depend_neither_on_blocks_nor_on_when_a_note_is_told():
     np.testing.assert_array_equal(played[300:], whole[300 : len(played), 0].astype(np.float32)[: len(played) - 300])
 
 
+@pytest.mark.parametrize(
+    "accuracy", [SETTINGS[0], *(pytest.param(a, marks=pytest.mark.hard) for a in SETTINGS[1:])], ids=str
+)
+@pytest.mark.parametrize(
+    "change", [{"barrier": -1e-3, "duration": 0.0}, {"barrier": -6e-3, "duration": 1e-3}], ids=["jump", "glide"]
+)
+def test_a_barrier_that_moves_into_felt_supplies_what_the_felt_then_holds(change, accuracy):
+    """The hammer has left, and the felt has not come back yet, when the barrier follows: the felt is brought up to that
+    time before the energy is counted."""
+    alone = engine.render(blow(2.0, FELT), 0.01, trace=True)
+    time = contacts_of(alone)[0].stop / alone.samplerate + 1e-4
+    move = {"kind": "change", "time": time, "contact": "felt", **change}
+    rendering = engine.render(blow(2.0, FELT, event=[move], accuracy=accuracy), time + 0.01, trace=True)
+    assert len(contacts_of(rendering)) == 2 and rendering.stats.energy["supplied"] > 1e-3
+    assert rendering.stats.energy["error_max"] <= 1e-12
+
+
 @kernel
 def respond_to_all(laws, s, eta, force, slope):
     for i in range(eta.shape[0]):

@@ -8,7 +8,7 @@ import pytest
 import engine
 from bench.scenes.small import scene
 from engine.bodies import CylindricalShell, Soundboard
-from engine.bodies.soundboard import WOODS
+from engine.bodies.materials import MATERIALS
 
 PLAIN = {"name": "b", "kind": "soundboard", "size": [1.4, 0.9], "thickness": 9e-3, "modes": 30}
 RIBS = {"count": 12, "width": 0.025, "height": 0.022}
@@ -20,8 +20,8 @@ def hertz(**more) -> np.ndarray:
 
 def test_spruce_is_that_of_the_wood_handbook():
     """E_L 11.9 GPa (a tenth above 10.8 of bending), E_R 0.078 of it, G_LR 0.064, at 12 % moisture 448 kg/m³."""
-    spruce = WOODS["spruce"]
-    assert spruce.along == pytest.approx(11.88e9)
+    spruce = MATERIALS["spruce"]
+    assert spruce.young == pytest.approx(11.88e9)
     assert spruce.across == pytest.approx(0.93e9, rel=0.01)
     assert spruce.shear == pytest.approx(0.76e9, rel=0.01)
     assert spruce.density == pytest.approx(448.0)
@@ -54,8 +54,8 @@ def test_a_rib_bends_with_the_board_it_is_glued_to():
     is one; so the rib adds seven."""
     layer = {"count": 7, "width": 0.2, "height": 9e-3, "wood": "spruce"}
     board = Soundboard(**PLAIN | {"ribs": layer})
-    modulus = WOODS["spruce"].along
-    own = WOODS["spruce"].across * 0.18 * 9e-3  # of the strip, a fifth of 0.9 m wide
+    modulus = MATERIALS["spruce"].young
+    own = MATERIALS["spruce"].across * 0.18 * 9e-3  # of the strip, a fifth of 0.9 m wide
     stretch = modulus * 0.2 * 9e-3
     wanted = modulus * 0.2 * 9e-3**3 / 12 + 9e-3**2 * stretch * own / (stretch + own)
     assert board.beams()[0].bending == pytest.approx(wanted, rel=1e-12)

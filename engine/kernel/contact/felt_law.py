@@ -42,23 +42,16 @@ def relaxes(law_numbers, k):
 
 
 @inline
-def prepare_felt(settings, state):
-    """Let felt come back for as long as nothing has pressed it, up to the begin of the coming step."""
+def recover_all(state, time, length):
+    """Let felt that is not pressed come back until a time, at which a step begins, or a change (length 0), frames."""
     if EFFECTS & RELAXATION:
         for k in range(state.compression.shape[0]):
-            if relaxes(state.law_numbers, k):
-                recover(state.law_numbers[k], settings.frame + settings.span[0], settings.span[1] - settings.span[0])
-
-
-@inline
-def recover(felt, time, length):
-    """Let felt that nothing has pressed since it was known last come back until a time. length: of the coming step,
-    frames"""
-    if felt[FeltNumber.CREPT] > 0.0 and time > felt[FeltNumber.TIME]:
-        felt[FeltNumber.CREPT] *= 1.0 + expm1_of(-felt[FeltNumber.RATE] * (time - felt[FeltNumber.TIME]))
-        if felt[FeltNumber.CREPT] < NO_CREEP:
-            felt[FeltNumber.CREPT] = 0.0
-    felt[FeltNumber.TIME], felt[FeltNumber.LENGTH] = time, length
+            felt = state.law_numbers[k]
+            if felt[FeltNumber.CREPT] > 0.0 and time > felt[FeltNumber.TIME]:
+                felt[FeltNumber.CREPT] *= 1.0 + expm1_of(-felt[FeltNumber.RATE] * (time - felt[FeltNumber.TIME]))
+                if felt[FeltNumber.CREPT] < NO_CREEP:
+                    felt[FeltNumber.CREPT] = 0.0
+            felt[FeltNumber.TIME], felt[FeltNumber.LENGTH] = time, length
 
 
 @inline

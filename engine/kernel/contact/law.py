@@ -13,7 +13,7 @@ from engine.compiler.decorators import inline
 from engine.kernel.contact.felt_law import (
     energy_gained_by_felt,
     energy_of_felt,
-    prepare_felt,
+    recover_all,
     relaxes,
     respond_by_felt,
     solve_felt,
@@ -73,7 +73,13 @@ def laws_in_step(h, state):
 def prepare_laws(contact, settings, state):
     """Find what the laws of an island depend on in the coming step."""
     prepare_friction(contact.friction, settings.h.contact, state)
-    prepare_felt(settings, state)
+    recover_all(state, settings.frame + settings.span[0], settings.span[1] - settings.span[0])
+
+
+@inline
+def update_laws(state, time):
+    """Bring what laws remember up to a time, frames: before a change, as a contact may be closed after it."""
+    recover_all(state, time, 0.0)
 
 
 @inline

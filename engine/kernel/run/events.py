@@ -140,7 +140,7 @@ def run_due_events(model, state, frame):
     events, cursor = model.events, state.event_cursor
     is_new = begin_due_events(events, state, frame)
     if is_any_executed(model, state, frame):
-        before = begin_change(model, state)
+        before = begin_change(model, state, frame + 0.0)
         for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
             if is_executed(model, state, j, frame):
                 execute_event(model, state, j, frame)

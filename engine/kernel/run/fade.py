@@ -47,15 +47,15 @@ def end_fade(model, state, frame):
     if end != 0 and frame >= abs(end):
         state.sleep[Sleep.FADE_END] = 0
         if end > 0:
-            drop_vibration(model, model.pickups, state)
+            drop_vibration(model, state, frame)
             state.sleep[Sleep.WAKE_FRAME], state.sleep_monitor[SleepMonitor.PEAK] = frame, 0.0
 
 
 @noinline
-def drop_vibration(model, pickups, state):
+def drop_vibration(model, state, frame):
     """Let all modes with a spring be at rest; free masses go on. The energy that this takes counts as supplied, with a
     negative sign."""
-    before = begin_change(model, state)
+    before = begin_change(model, state, frame + 0.0)
     for m in range(state.q.shape[0]):
         if model.omega_squared[m] > 0.0:
             state.q[m] = model.weight[m] / model.omega_squared[m]
@@ -64,7 +64,7 @@ def drop_vibration(model, pickups, state):
                 state.kick_compensation[m] = 0.0
     reset_compressions(model.contact, state)
     reset_connections(model.connection, state)
-    for n in range(pickups.quantity.shape[0]):
-        if pickups.quantity[n] == Quantity.ACCELERATION:
-            state.previous_velocity[n] = project(pickups.rows, n, state.p)
+    for n in range(model.pickups.quantity.shape[0]):
+        if model.pickups.quantity[n] == Quantity.ACCELERATION:
+            state.previous_velocity[n] = project(model.pickups.rows, n, state.p)
     end_change(model, state, before)

@@ -97,11 +97,11 @@ def stop_glide(events, state, j, frame):
 
 
 @noinline
-def glide_to(model, state, time):
+def glide_to(model, state, now, time):
     """Move all parameters that glide to where they are at a time within the present sample, frames. What this adds to
-    the energy counts as supplied."""
+    the energy counts as supplied. now: to which the state has come, frames"""
     events, cursor = model.events, state.event_cursor
-    before = begin_change(model, state)
+    before = begin_change(model, state, now)
     for j in range(cursor[EventCursor.FIRST_ACTIVE], cursor[EventCursor.NEXT]):
         if lasts(events, j):
             set_parameter(model, state, j, glide_value(events, state, j, time))

@@ -184,7 +184,7 @@ def composed_step(model, refinement, state, frame):
         s = first_kind + (refinement.sequence[i] if is_apart else refinement.sequence_in_solve[i])
         begin, end = end, end + refinement.length[s]
         if glides and steps * stages > 1:
-            glide_to(model, state, frame + 0.5 * (begin + end))
+            glide_to(model, state, frame + begin, frame + 0.5 * (begin + end))
         h = coefficients_of_stage(refinement.stages, s, modes, contacts, connections)
         damp_stage(refinement, (i, stages, doublings, TRUE), state)
         if is_apart:
@@ -204,7 +204,7 @@ def composed_step(model, refinement, state, frame):
         lost += outcome.dissipated
         work += outcome.supplied
     if glides and may_try_again(refinement.adaptive):
-        glide_to(model, state, frame + 0.5)  # where a next try begins
+        glide_to(model, state, frame + end, frame + 0.5)  # where a next try begins
     for k in range(contacts):
         state.contact_force[k] = mean_force[k] + impulse[k] * model.samplerate
     return StepOutcome(in_contact, evaluations, lost, work)

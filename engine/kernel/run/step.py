@@ -6,7 +6,7 @@ loss/2 · kick/2 · [find the forces] · drift · kick/2 · loss/2
 from typing import NamedTuple
 
 from engine.compiler.decorators import INT64_0, inline, noinline
-from engine.kernel.contact.law import prepare_laws, work_of_drives
+from engine.kernel.contact.law import prepare_laws, update_laws, work_of_drives
 from engine.kernel.data.effects import CONTACTS, EFFECTS, STRETCHING
 from engine.kernel.data.enums import EnergyTotal, SolveStatus
 from engine.kernel.interactions.connected_modes import move_connected_modes
@@ -119,8 +119,9 @@ def reverse_motion(state):
 
 
 @inline
-def begin_change(model, state):
-    """Know all compressions before a change. Returns the energy of the island, J."""
+def begin_change(model, state, time):
+    """Bring all contacts up to date before a change at a time, frames. Returns the energy of the island, J."""
+    update_laws(state, time)
     keep_all_contacts(model.contact, state)
     return island_energy(model, state)
 

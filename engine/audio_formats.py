@@ -5,6 +5,7 @@ libsndfile does not tell before it writes: OGG above 200 kHz ends in a segmentat
 rate than they are given. The rules below were found by writing each format and reading it back (libsndfile 1.2.2).
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ PERIOD_TICKS = {"HTK": 10**7, "SDS": 10**9}  # per second; these store the perio
 COMMON_FORMATS = "WAV", "FLAC", "OGG", "MP3", "AIFF", "CAF"
 PIECE_FRAMES = 8192  # of one write: libvorbis takes 4 bytes of stack a frame, and a thread may have 512 kB
 ADD_PEAK_CHUNK, RF64_AUTO_DOWNGRADE, UPDATE_HEADER = 0x1050, 0x1210, 0x1061  # commands of libsndfile
+TAGGED_FORMATS = "FLAC", "OGG", "MP3", "AIFF", "CAF"  # whose texts libsndfile writes
 LARGE_FORMATS = ("RF64", "W64", "CAF", "FLAC", "OGG", "MP3", "RAW")  # hold more than 4 GiB
 MAX_BYTES = (1 << 32) - (1 << 16)  # of a file of another format
 MAX_HEADER_BYTES = 120  # of an RF64, before its samples
@@ -107,6 +109,15 @@ def format_for_size(kind: str, size: int) -> str:
     if kind == "WAV":
         return "RF64"
     raise RuntimeError(f"{kind} files hold 4 GiB at most; .wav, .w64, .caf, .flac would hold the sound")
+
+
+def write_tags(sound: Any, kind: str, tags: Mapping[str, str]) -> None:
+    """Write what there is to say of a sound (title, software, comment) into its file, before its samples, if files of
+    its format hold texts. sound: of soundfile; kind: its format"""
+    if kind in TAGGED_FORMATS:
+        for name, text in tags.items():
+            if text:
+                setattr(sound, name, text)
 
 
 def remove_time(file: Any, kind: str) -> None:

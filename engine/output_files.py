@@ -13,7 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from engine.audio_formats import explain_unsupported_format, format_for_size, open_sound_file, remove_time, write_pieces
+from engine.audio_formats import (
+    explain_unsupported_format,
+    format_for_size,
+    open_sound_file,
+    remove_time,
+    write_pieces,
+    write_tags,
+)
 from engine.faults import Fault
 
 if TYPE_CHECKING:
@@ -62,11 +69,13 @@ def save_audio(
     samplerate: int,
     subtype: str | None,
     dither: bool = False,
+    tags: Mapping[str, str] | None = None,
     finish: Callable[[Path], None] | None = None,
 ) -> None:
     """Write audio [frames, channels] to a file, in the format of its name.
 
     dither: add triangular noise before samples are rounded
+    tags:   texts that describe the sound, of formats other than WAV
     finish: does what is still to be done to the file, before it has its name
 
     Raises OSError if it cannot be written, RuntimeError if the format cannot hold it.
@@ -83,6 +92,7 @@ def save_audio(
         with ErrorKeepingFile(path, "w+") as file:
             try:
                 with open_sound_file(file, samplerate, channels, chosen, written) as sound:
+                    write_tags(sound, written, tags or {})
                     for begin in range(0, len(audio), ROUNDED_FRAMES):
                         piece = audio[begin : begin + ROUNDED_FRAMES]
                         write_pieces(sound, round_samples(piece, output, subtype, noise))

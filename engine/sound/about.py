@@ -12,6 +12,7 @@ from engine.provenance import ENGINE, version_of
 BEXT_VERSION = 1
 DESCRIPTION_BYTES, ORIGINATOR_BYTES = 256, 32
 FORWARD = 0  # type of a loop
+MAX_COMMENT = 2000  # characters, of a tag
 MAX_BYTES = (1 << 32) - 1  # of a RIFF file
 
 
@@ -40,6 +41,12 @@ class About:
     def comment(self) -> str:
         """The patch and its values, in a line."""
         return "; ".join([f"patch {self.patch}"] * bool(self.patch) + [f"{k} = {v}" for k, v in self.values.items()])
+
+    @property
+    def tags(self) -> dict[str, str]:
+        """The description as files other than WAV have it: by the names of soundfile."""
+        comment = f"{self.comment[:MAX_COMMENT]}; kernel {self.kernel}" if self.kernel else self.comment[:MAX_COMMENT]
+        return {"title": self.title, "software": program(), "comment": comment}
 
 
 def program() -> str:

@@ -106,7 +106,8 @@ class PreparedSound:
         """Write the file. Raises OSError if it cannot be written, RuntimeError if its format cannot hold the sound."""
         form, about = self.file.form, self.file.about
         finish = None if about is None else lambda path: self._describe(path, about)
-        save_audio(self.file.path, self.audio, self.samplerate, form.subtype, form.dither, finish)
+        tags = None if about is None else about.tags
+        save_audio(self.file.path, self.audio, self.samplerate, form.subtype, form.dither, tags, finish)
 
     def _describe(self, path: Path, about: About) -> None:
         add_chunks(path, about, self.samplerate, self.audio.shape, self.file.form.loop is not None)

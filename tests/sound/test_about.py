@@ -53,6 +53,25 @@ def test_the_sound_is_the_same_with_and_without(tmp_path):
         np.testing.assert_array_equal(audio, soundfile.read(tmp_path / "plain.wav")[0])
 
 
+@pytest.mark.parametrize("kind", ["flac", "ogg", "mp3", "aiff", "caf"])
+def test_files_of_other_formats_say_it_in_their_tags(tmp_path, kind):
+    """As libsndfile reads them; the sound is the same as without, and equal sounds are equal files."""
+    path = written(tmp_path, name=f"a.{kind}")
+    with soundfile.SoundFile(path) as file:
+        assert file.title == "Bowl & spoon"
+        assert file.comment == "patch bowl.toml; contact.rim.loss = 0.1 < x; kernel general"
+        assert kind == "mp3" or file.software.startswith("fdh ")
+        audio = file.read()
+    SoundFile(tmp_path / f"plain.{kind}").prepare(TONE, 48_000).write()
+    np.testing.assert_array_equal(audio, soundfile.read(tmp_path / f"plain.{kind}")[0])
+    assert path.read_bytes() == written(tmp_path, name=f"b.{kind}").read_bytes()
+
+
+@pytest.mark.parametrize("kind", ["au", "w64"])
+def test_a_format_without_texts_holds_the_sound_alone(tmp_path, kind):
+    assert soundfile.info(written(tmp_path, name=f"a.{kind}")).frames == len(TONE)
+
+
 def test_a_sampler_finds_the_key_and_the_loop(tmp_path):
     found = chunks(written(tmp_path, form=SoundForm(loop=0.25)))[b"smpl"]
     assert struct.unpack("<I", found[8:12])[0] == round(1e9 / 48_000)

@@ -1,20 +1,22 @@
-"""docs/gallery.md: every patch with a picture, a sound, what to listen for, its sources, and two changes to try.
+"""The gallery: every patch with a picture, a sound, what to listen for, its sources, and two changes to try: a page for
+each family of patches, and docs/gallery.md, which lists all.
 
 The words are in bench/gallery.toml; all that is measured is measured here, from the patches as they are.
 """
 
+import csv
 import hashlib
 import re
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import engine
 from bench.publish import mixed
 from bench.publish.pieces import PIECES
-from bench.publish.report import ROOT, publish, stamp
+from bench.publish.report import RESULTS, ROOT, publish, stamp
 from bench.publish.sounds import SOUNDS, check_size, hear
 from engine.analysis.features import features
 from engine.analysis.string_shape import string_shape
@@ -25,6 +27,7 @@ from engine.sweep.axes import SweepAxis
 from engine.sweep.plan import scene_at
 
 PAGE, WORDS = ROOT / "docs" / "gallery.md", ROOT / "bench" / "gallery.toml"
+TEMPLATES = ROOT / "patches" / "templates"
 PICTURES = ROOT / "docs" / "gallery"
 TAIL = 2.0  # s, after a piece
 COLOURS = 160  # of a picture
@@ -40,8 +43,12 @@ HEADER = [
 ]
 INTRODUCTION = """# Gallery
 
-This page has a picture and the sound of every patch in `patches/`, and two changes to try, with their measured effects.
-Most instruments, such as the [guitar](#guitar) and the [piano](#piano), also play a piece of half a minute or more.
+A picture and the sound of every patch, and two changes to try, with their measured effects: a page for each family.
+Most instruments, such as the [guitar](gallery_plucked.md#guitar) and the [piano](gallery_pianos.md#piano), also play a
+piece of half a minute or more.
+
+<!-- families -->
+<!-- /families -->
 
 To render a patch, give its name: `uv run fdh render tanpura` writes `tanpura.wav`. A change such as
 `contact.felt.on_at=0.5` sets the key `on_at` of the contact `felt`; `contact.0` is the first contact. This command
@@ -50,7 +57,7 @@ renders the patch with the change, into the folder `try`:
 To make a sound of your own, copy the patch, `cp patches/tanpura.toml my_tanpura.toml`, and edit the copy
 ([first patch](first_patch.md)). The [glossary](glossary.md) explains the words.
 
-`uv run python -m bench gallery` makes this page, its pictures and its sounds.
+`uv run python -m bench gallery` makes these pages, their pictures and their sounds.
 
 <!-- mixed -->
 <!-- /mixed -->
@@ -63,32 +70,95 @@ the beginning of the SHA-256 of the patch; a test uses it to find out if this pa
 PLAYED = re.compile(r"^.*\(audio/\w+_piece\.ogg\).*$", re.MULTILINE)
 COLUMNS = """| change | description | fundamental, Hz | T60, s | centroid, Hz | level, dB |
 | --- | --- | --- | --- | --- | --- |"""
+SECTION = re.compile(r"^## (\w+)\n.*?(?=^## |\Z)", re.DOTALL | re.MULTILINE)
+
+
+class Family(NamedTuple):
+    """Patches that share a page."""
+
+    name: str
+    title: str
+    about: str
+    patches: list[str]
+
+    @property
+    def page(self) -> Path:
+        """Its page."""
+        return PAGE.with_name(f"gallery_{self.name}.md")
+
+
+def read_words() -> tuple[list[Family], dict[str, Any]]:
+    """Return the families, and the words of each patch, in the order in which they are shown."""
+    words = tomllib.loads(WORDS.read_text("utf-8"))
+    families = [Family(**table) for table in words.pop("family")]
+    return families, {name: words[name] for family in families for name in family.patches}
+
+
+def path_of(name: str) -> Path:
+    """The file of a patch, or of a template."""
+    path = ROOT / "patches" / f"{name}.toml"
+    return path if path.exists() else TEMPLATES / f"{name}.toml"
 
 
 def run() -> None:
-    """Render, draw and measure everything, and write the page."""
-    words = tomllib.loads(WORDS.read_text("utf-8"))
-    paths = sorted((ROOT / "patches").glob("*.toml"), key=lambda p: [*words].index(p.stem))
-    PICTURES.mkdir(exist_ok=True)
-    SOUNDS.mkdir(exist_ok=True)
-    rows, parts = [], []
-    for path in paths:
-        print(path.stem, flush=True)
-        row, part = exhibit(path, words[path.stem])
-        rows.append(row)
-        parts.append(part)
+    """Render, draw and measure everything, and write the pages."""
+    make(list(read_words()[1]), False, "gallery")
     mixed.make()
     check_size()
-    page = [
-        mixed.insert(INTRODUCTION),
-        "<!-- bench:gallery -->\n<!-- /bench:gallery -->\n",
-        LEGEND,
-        *parts,
-        stamp("gallery"),
-        "",
-    ]
-    PAGE.write_text("\n".join(page), "utf-8")
-    publish("gallery", HEADER, rows)
+
+
+def make(names: list[str], of_numbers: bool, command: str) -> None:
+    """Make the parts of some patches, and write all pages; the others stay as they are. of_numbers: pictures and sounds
+    stay, too"""
+    families, words = read_words()
+    PICTURES.mkdir(exist_ok=True)
+    SOUNDS.mkdir(exist_ok=True)
+    parts = read_parts(families)
+    captions, rows = read_rows()
+    for name in names:
+        print(name, flush=True)
+        rows[name], parts[name] = exhibit(path_of(name), words[name], parts.get(name) if of_numbers else None)
+    check_size()
+    for family in families:
+        head = [f"# {family.title}", "", f"{family.about} [All families](gallery.md).", ""]
+        shown = [parts[name] for name in family.patches if name in parts]
+        family.page.write_text("\n".join([*head, *shown]), "utf-8")
+    PAGE.write_text(index(families), "utf-8")
+    for family in families:
+        for name in set(family.patches) & set(rows):
+            rows[name][0] = f"[{name}]({family.page.name}#{name})"
+    shown_names = "all" if len(names) == len(words) else ", ".join(names)
+    caption = f"{stamp(command)}: {shown_names}"
+    captions = [old for old in captions if not is_replaced(old, caption)] + [caption]
+    publish("gallery", HEADER, [rows[name] for name in words if name in rows], made="\n\n".join(captions))
+
+
+def is_replaced(old: str, new: str) -> bool:
+    """True if all that a caption says was measured is measured anew, as another one says."""
+    before, after = (set(caption.rpartition(": ")[2].split(", ")) for caption in (old, new))
+    return after == {"all"} or before <= after
+
+
+def index(families: list[Family]) -> str:
+    """The page that lists all."""
+    lines = [f"- [{family.title}]({family.page.name}): {', '.join(family.patches)}" for family in families]
+    listed = "<!-- families -->\n" + "\n".join(lines) + "\n<!-- /families -->"
+    introduction = mixed.insert(INTRODUCTION).replace("<!-- families -->\n<!-- /families -->", listed)
+    return "\n".join([introduction, "<!-- bench:gallery -->\n<!-- /bench:gallery -->\n", LEGEND])
+
+
+def read_parts(families: list[Family]) -> dict[str, str]:
+    """Return the parts of the pages as they are, by the names of their patches."""
+    texts = [family.page.read_text("utf-8") for family in families if family.page.exists()]
+    return {part[1]: part[0].rstrip("\n") + "\n" for text in texts for part in SECTION.finditer(text)}
+
+
+def read_rows() -> tuple[list[str], dict[str, list[str]]]:
+    """Return the captions and the rows of the table as it is, by the names of their patches."""
+    with open(RESULTS / "gallery.csv", newline="", encoding="utf-8") as file:
+        (made,), _, *rows = csv.reader(file)
+    captions = made.removeprefix("# ").split("\n\n")
+    return captions, {row[0][1 : row[0].index("]")]: row for row in rows}
 
 
 def exhibit(path: Path, words: dict[str, Any], present: str | None = None) -> tuple[list[str], str]:
@@ -102,8 +172,7 @@ def exhibit(path: Path, words: dict[str, Any], present: str | None = None) -> tu
         see(scene, rendering, PICTURES / f"{path.stem}.png")
     energy = rendering.stats["energy"]["error_max"]
     numbers = [cell(found[key]) for key in ("fundamental_hz", "t60_s", "centroid_hz")]
-    link = f"[{path.stem}](#{path.stem})"
-    row = [link, f"{scene.seconds:g}", *numbers, f"{found['peak']:.2g}", f"{energy:.0e}", mark(path)]
+    row = [path.stem, f"{scene.seconds:g}", *numbers, f"{found['peak']:.2g}", f"{energy:.0e}", mark(path)]
     lines = [f"## {path.stem}", "", f"**{scene.title}.** {words['listen']}", ""]
     lines += [f"![{scene.title}](gallery/{path.stem}.png)", "", f"Listen: [{path.stem}.ogg](audio/{path.stem}.ogg)", ""]
     if "piece" in words:

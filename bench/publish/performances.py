@@ -3,35 +3,32 @@ the one for three instruments. The rest of the gallery stays as it is."""
 
 import re
 import sys
-import tomllib
 
 import engine
 from bench.publish import mixed
-from bench.publish.gallery import PAGE, WORDS, play
-from bench.publish.report import ROOT
+from bench.publish.gallery import PAGE, path_of, play, read_words
 from bench.publish.sounds import check_size
 
 MIXED = "canon"
 
 
 def main(names: list[str]) -> int:
-    """Render the pieces of some patches, or of all, and describe them on the page; return the exit code."""
-    words = tomllib.loads(WORDS.read_text("utf-8"))
+    """Render the pieces of some patches, or of all, and describe them on their pages; return the exit code."""
+    families, words = read_words()
     known = [*(name for name in words if "piece" in words[name]), MIXED]
     if unknown := [name for name in names if name not in known]:
         print(f"bench pieces: {unknown[0]} has no piece; {', '.join(known)} have one", file=sys.stderr)
         return 2
-    page = PAGE.read_text("utf-8")
+    page_of = {name: family.page for family in families for name in family.patches}
     for name in names or known:
         print(name, flush=True)
         if name == MIXED:
             mixed.make()
-            page = mixed.insert(page)
+            PAGE.write_text(mixed.insert(PAGE.read_text("utf-8")), "utf-8")
         else:
-            scene = engine.load(ROOT / "patches" / f"{name}.toml")
-            page = replace_line(page, name, play(scene, words[name]["piece"], name))
+            line = play(engine.load(path_of(name)), words[name]["piece"], name)
+            page_of[name].write_text(replace_line(page_of[name].read_text("utf-8"), name, line), "utf-8")
     check_size()
-    PAGE.write_text(page, "utf-8")
     return 0
 
 

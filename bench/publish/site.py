@@ -16,12 +16,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from bench.publish.gallery import read_words
 from bench.publish.playable import make_pages
 
 ROOT = Path(__file__).parents[2]
 CONFIGURATION = Path(__file__).with_name("site.yml")
 NAVIGATION = {  # pages of docs; those that are not named here come last
     "Start here": ["installation", "first_patch", "gallery", "glossary"],
+    "Gallery": [f"gallery_{family.name}" for family in read_words()[0]],
     "Guides": ["joining", "bodies", "instruments", "live", "files", "export", "accuracy", "limits"],
     "Reference": ["cli", "patches", "api", "start_up"],
     "Science": ["scheme", "paper", "guarantees", "ruler", "bench"],
@@ -106,12 +108,13 @@ def stage(root: Path, folder: Path) -> None:
 def add_playable_pages(source: Path) -> None:
     """Make a page for each patch that plays it, and link them where the gallery has the sounds of the patches."""
     (source / PLAYABLE).mkdir()
-    names, gallery = make_pages(source / PLAYABLE), source / "docs" / "gallery.md"
+    names = make_pages(source / PLAYABLE)
 
     def add_link(match: re.Match[str]) -> str:
         return f"{match[0]} – [play it](../{PLAYABLE}/{match[1]}.html)" if match[1] in names else match[0]
 
-    gallery.write_text(LISTEN.sub(add_link, gallery.read_text("utf-8")), "utf-8")
+    for page in (source / "docs").glob("gallery_*.md"):
+        page.write_text(LISTEN.sub(add_link, page.read_text("utf-8")), "utf-8")
 
 
 def write_math_font(path: Path) -> None:

@@ -8,7 +8,6 @@ import shlex
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -178,29 +177,36 @@ def test_the_rows_of_a_table_are_as_long_as_its_head(page):
 
 @pytest.mark.hard
 def test_the_gallery_is_that_of_the_patches():
-    """Made of the patches as they are, with a sound and a picture of each, and the pieces; sounds fit in 9 MB."""
+    """Made of the patches as they are, with a sound and a picture of each, and the pieces; sounds fit in 9 MB. Each
+    family has a page, and templates of things stand among them."""
     from bench.publish import mixed
-    from bench.publish.gallery import INTRODUCTION, PAGE, PICTURES, WORDS, changed, mark
+    from bench.publish.gallery import PAGE, PICTURES, changed, mark, path_of, read_words
     from bench.publish.pieces import PIECES
     from bench.publish.sounds import LIMIT, SOUNDS
 
-    words, page = tomllib.loads(WORDS.read_text("utf-8")), PAGE.read_text("utf-8")
-    assert set(words) == {p.stem for p in PATCHES} and len(words) >= 12
-    for path in PATCHES:
-        assert mark(path) in page, f"{path.stem} has changed: uv run python -m bench gallery"
-        assert words[path.stem]["listen"] in page and len(words[path.stem]["try"]) == 2
-        for trial in words[path.stem]["try"]:
-            assert trial["what"] in page and changed(path, trial["set"]) != engine.load(path)
-        heard = soundfile.info(SOUNDS / f"{path.stem}.ogg")
-        assert heard.frames / heard.samplerate == pytest.approx(engine.load(path).seconds, abs=0.01)
-        assert (PICTURES / f"{path.stem}.png").read_bytes().startswith(b"\x89PNG")
+    (families, words), index = read_words(), PAGE.read_text("utf-8")
+    assert {p.stem for p in PATCHES} < set(words) and len(words) >= 12
+    assert {"bowl", "coin", "keys", "door", "chain", "bottle", "shake", "scrape"} <= set(words)
+    for family in families:
+        page = family.page.read_text("utf-8")
+        assert f"[{family.title}]({family.page.name})" in index and family.about in page
+        for name in family.patches:
+            path = path_of(name)
+            assert f"[{name}]({family.page.name}#{name})" in index and f"## {name}\n" in page
+            assert mark(path) in index, f"{name} has changed: uv run python -m bench exhibit {name}"
+            assert words[name]["listen"] in page and len(words[name]["try"]) == 2
+            for trial in words[name]["try"]:
+                assert trial["what"] in page and changed(path, trial["set"]) != engine.load(path)
+            heard = soundfile.info(SOUNDS / f"{name}.ogg")
+            assert heard.frames / heard.samplerate == pytest.approx(engine.load(path).seconds, abs=0.01)
+            assert (PICTURES / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+            if "piece" in words[name]:
+                assert f"audio/{name}_piece.ogg" in page and PIECES[words[name]["piece"]].about in page
     assert sum(p.stat().st_size for p in SOUNDS.iterdir()) < LIMIT
     pieces = {f"{name}_piece" for name in words if "piece" in words[name]}
     assert {p.stem for p in SOUNDS.iterdir()} == set(words) | pieces | {mixed.SOUND.stem}
     assert {p.stem for p in PICTURES.iterdir()} == set(words)
-    assert all(f"audio/{piece}.ogg" in page for piece in pieces)
-    assert page.startswith(mixed.insert(INTRODUCTION))
-    assert all(PIECES[word["piece"]].about in page for word in words.values() if "piece" in word)
+    assert mixed.insert(index) == index
 
 
 def test_a_dozen_patches_sound_different():

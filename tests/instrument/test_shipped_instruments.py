@@ -3,10 +3,10 @@
 import tomllib
 
 import pytest
-from conftest import PATCHES, ROOT
+from conftest import PATCHES
 
 import engine
-from bench.publish.gallery import TAIL
+from bench.publish.gallery import TAIL, read_words
 from bench.publish.pieces import PIECES
 from engine.instrument.expansion import expand_for_score, keys_of
 from engine.instrument.listing import list_key
@@ -14,7 +14,7 @@ from engine.patch.note_scene import scene_of_note
 
 DOCUMENTS = {path.stem: tomllib.loads(path.read_text("utf-8")) for path in PATCHES}
 INSTRUMENTS = sorted(name for name, document in DOCUMENTS.items() if "keyboard" in document)
-WORDS = tomllib.loads((ROOT / "bench" / "gallery.toml").read_text("utf-8"))
+WORDS = read_words()[1]
 
 
 @pytest.mark.parametrize("name", INSTRUMENTS)

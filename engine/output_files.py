@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from engine.audio_formats import (
     explain_unsupported_format,
@@ -63,20 +63,24 @@ def describe_lowered_gain(output: Path, gain: float, requested: float | None) ->
     return [f"{output}: a gain of {requested:g} dB exceeds the range of its numbers; {gain:g} dB was used instead"]
 
 
+class Description(NamedTuple):
+    """What a sound file says of its sound."""
+
+    tags: Mapping[str, str]  # of formats other than WAV
+    finish: Callable[[Path], None]  # adds the rest to a finished file, before it has its name
+
+
 def save_audio(
     output: Path,
     audio: "np.ndarray",
     samplerate: int,
     subtype: str | None,
     dither: bool = False,
-    tags: Mapping[str, str] | None = None,
-    finish: Callable[[Path], None] | None = None,
+    description: Description | None = None,
 ) -> None:
     """Write audio [frames, channels] to a file, in the format of its name.
 
     dither: add triangular noise before samples are rounded
-    tags:   texts that describe the sound, of formats other than WAV
-    finish: does what is still to be done to the file, before it has its name
 
     Raises OSError if it cannot be written, RuntimeError if the format cannot hold it.
     """
@@ -92,7 +96,7 @@ def save_audio(
         with ErrorKeepingFile(path, "w+") as file:
             try:
                 with open_sound_file(file, samplerate, channels, chosen, written) as sound:
-                    write_tags(sound, written, tags or {})
+                    write_tags(sound, written, description.tags if description else {})
                     for begin in range(0, len(audio), ROUNDED_FRAMES):
                         piece = audio[begin : begin + ROUNDED_FRAMES]
                         write_pieces(sound, round_samples(piece, output, subtype, noise))
@@ -102,8 +106,8 @@ def save_audio(
                     raise
             if file.error is not None:
                 raise file.error
-        if finish is not None:
-            finish(path)
+        if description is not None:
+            description.finish(path)
 
 
 def round_samples(

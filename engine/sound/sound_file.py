@@ -11,6 +11,7 @@ from engine.output_files import (
     NORMALISED_PEAK_DBFS,
     SILENT_PEAK,
     Clipping,
+    Description,
     apply_gain,
     count_clipped,
     describe_lowered_gain,
@@ -105,9 +106,8 @@ class PreparedSound:
     def write(self) -> None:
         """Write the file. Raises OSError if it cannot be written, RuntimeError if its format cannot hold the sound."""
         form, about = self.file.form, self.file.about
-        finish = None if about is None else lambda path: self._describe(path, about)
-        tags = None if about is None else about.tags
-        save_audio(self.file.path, self.audio, self.samplerate, form.subtype, form.dither, tags, finish)
+        description = None if about is None else Description(about.tags, lambda path: self._describe(path, about))
+        save_audio(self.file.path, self.audio, self.samplerate, form.subtype, form.dither, description)
 
     def _describe(self, path: Path, about: About) -> None:
         add_chunks(path, about, self.samplerate, self.audio.shape, self.file.form.loop is not None)

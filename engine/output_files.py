@@ -64,7 +64,7 @@ def describe_lowered_gain(output: Path, gain: float, requested: float | None) ->
 
 
 class Description(NamedTuple):
-    """What a sound file says of its sound."""
+    """Description of a sound in its file."""
 
     tags: Mapping[str, str]  # of formats other than WAV
     finish: Callable[[Path], None]  # adds the rest to a finished file, before it has its name

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from engine.cli import arguments
-from engine.cli.messages import CommandError, memory_errors_explained, print_result, read_patch, require_scene
+from engine.cli.messages import CommandError, memory_errors_explained, print_result, require_scene
 from engine.cli.option_checks import read_options, samplerate_of
+from engine.cli.tuning_options import add_tuning_options, read_tuned_patch
 from engine.export.faults import CannotExport
 from engine.faults import Fault
 from engine.files import is_shipped
@@ -52,12 +53,13 @@ def add_export_command(commands: "arguments.Commands") -> None:
         "--seconds",
         "--samplerate",
     )
+    add_tuning_options(parser)
     arguments.add_json(parser, "the names of the files")
 
 
 def export_command(args: argparse.Namespace) -> int:
     """Write the page or the library of a patch; returns the exit code."""
-    scene, faults = read_patch(args.patch)
+    scene, faults = read_tuned_patch(args.patch, args)
     faults += [*read_options(args), *(_faults_of_library(args) if args.c else _faults_of_page(args))]
     scene = require_scene(scene, faults)
     try:

@@ -33,6 +33,7 @@ from engine.cli.notes import add_score, describe_levels, levels_of_file
 from engine.cli.option_checks import excerpt_of, voice_count
 from engine.cli.progress import progress_feedback
 from engine.cli.terminal import meter_parts, read_keyboard, show_meter
+from engine.cli.tuning_options import tune
 from engine.faults import PatchError
 from engine.live import audio_device, midi, midi_notes, recovery
 from engine.live.audio_recording import NoRecording, Recording
@@ -72,7 +73,7 @@ class PlayerFactory:
     def prepare(self, scene: Scene) -> Scene:
         """The scene of a patch with the notes and at the accuracy that the command line asks for, on as many sides as
         the device has. Raises MidiError."""
-        scene = self.with_notes(scene)
+        scene = self.with_notes(tune(scene, self.args))
         scene = scene.model_copy(update={"accuracy": scene.accuracy.replace(**self.args.accuracy)})
         return mono_to_stereo(scene) if self.channels > 1 else scene
 

@@ -13,7 +13,6 @@ from engine.cli.messages import (
     describe_mended_file,
     print_messages,
     print_result,
-    read_patch,
 )
 from engine.cli.notes import (
     PARTS_REMEDY,
@@ -25,6 +24,7 @@ from engine.cli.notes import (
 from engine.cli.option_checks import MIDI_CHANNELS, excerpt_of, samplerate_of
 from engine.cli.progress import progress_feedback
 from engine.cli.stems import read_markers, write_stems
+from engine.cli.tuning_options import read_tuned_patch
 from engine.faults import Fault
 from engine.output_files import SILENT_PEAK
 
@@ -101,7 +101,7 @@ def read_assignments(args: argparse.Namespace) -> tuple[list[Assignment], list[F
         else:
             path = patch_file(patch)
             if path not in scenes:
-                scenes[path], patch_faults = read_patch(path)
+                scenes[path], patch_faults = read_tuned_patch(path, args)
                 faults += patch_faults
             if (scene := scenes[path]) is not None:
                 assignments.append(Assignment(chosen, MixedPatch(path, scene, level)))

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from engine.cli import arguments
-from engine.cli.messages import CommandError, read_patch, require_scene
+from engine.cli.messages import CommandError, require_scene
 from engine.cli.option_checks import (
     check_kernel,
     check_parts,
@@ -13,6 +13,7 @@ from engine.cli.option_checks import (
     read_options,
     read_paths,
 )
+from engine.cli.tuning_options import add_tuning_options, read_tuned_patch
 from engine.faults import Fault
 from engine.live.osc import parse_address
 from engine.output_files import check_audio_format, error_reason
@@ -43,6 +44,7 @@ def add_play_command(commands: "arguments.Commands") -> None:
     arguments.add_options(parser, latency, "--seconds", rate, gain, "--cores", "--kernel", midi)
     text = "receive Open Sound Control on this UDP port; only from this machine unless HOST is given"
     arguments.add_options(parser, "--channels", "--tracks", voices, ("--osc", "[HOST:]PORT", text))
+    add_tuning_options(parser)
     parser.add_argument("--watch", action="store_true", help="reload the patch whenever it is saved")
     record = "--record", "OUT.wav", "also record the sound to this file"
     log = "--event-log", "LOG.json", "also write a log of all events, for the command replay"
@@ -58,7 +60,7 @@ def add_play_command(commands: "arguments.Commands") -> None:
 
 def live_command(args: argparse.Namespace) -> int:
     """Play a patch; returns the exit code."""
-    scene, faults = read_patch(args.patch)
+    scene, faults = read_tuned_patch(args.patch, args)
     option_faults = read_options(args)
     option_faults += read_paths(args, "--record", "--event-log")
     option_faults += check_audio_format(args.record or Path("none.wav"), args.subtype, "--record")

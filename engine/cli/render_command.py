@@ -11,7 +11,6 @@ from engine.cli.messages import (
     memory_errors_explained,
     print_messages,
     print_result,
-    read_patch,
     require_scene,
 )
 from engine.cli.mix_command import MixedPatch, mix_command, read_assignments
@@ -36,6 +35,7 @@ from engine.cli.option_checks import (
 )
 from engine.cli.progress import progress_feedback
 from engine.cli.stems import check_stems
+from engine.cli.tuning_options import add_tuning_options, read_tuned_patch
 from engine.faults import Fault
 from engine.output_files import check_audio_format
 from engine.report.figures import PLOT_PANELS
@@ -72,6 +72,7 @@ def add_render_command(commands: "arguments.Commands") -> None:
     play = "--play", "2=guitar,10=snare", help_text
     stems = "--stems", "FOLDER", "with --midi: also write each part to a file of its own, and a project for REAPER"
     key = "--key", "KEY", "play one note of an instrument, such as C4 or F#3"
+    add_tuning_options(parser)
     trace = "--trace", "OUT.npz", "also write what moves in every sample: .npz, .nc (xarray), .mat (MATLAB) or .csv"
     arguments.add_options(parser, midi, "--channels", "--tracks", play, stems, key, "--velocity", "--voices", trace)
     help_text = (
@@ -91,7 +92,7 @@ def add_render_command(commands: "arguments.Commands") -> None:
 
 def render_command(args: argparse.Namespace) -> int:
     """Render a patch as the options say; returns the exit code."""
-    scene, faults = read_patch(args.patch)
+    scene, faults = read_tuned_patch(args.patch, args)
     option_faults = read_options(args)
     option_faults += read_paths(args, "--output", "--trace", "--plot", "--report")
     option_faults += check_audio_format(args.output, args.subtype, "--output")

@@ -88,7 +88,7 @@ def _wheel_of(player: RowRecorder) -> Wanted:
     bent = [one for one in bent_parameters(bodies, KeyAllocator(player).keys) if one.path in player.live_paths]
     if not bent:
         raise CannotExport("no key has a frequency or a tension to bend")
-    bends, positions = KeyBends(bent), dict[float, list[NewValue]]()
+    bends, positions = KeyBends(bent, {}), dict[float, list[NewValue]]()
     for n in range(-BEND_POSITIONS, BEND_POSITIONS + 1):
         cents = CENTS * player.patch.midi.bend_range * n / BEND_POSITIONS
         bends.follow(Note(0.0, "bend", 0, cents))

@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from engine.bodies.table import make_fault
+from engine.instrument.key_frequencies import frequencies_of
 from engine.instrument.key_names import describe_keys, note_name, parse_key, parse_keys
 from engine.instrument.key_sequencer import KeyEvent, KeySequencer, Table, waiting_forces
 from engine.instrument.key_writer import SECTIONS, KeyWriter, Origins
@@ -33,7 +34,13 @@ def is_instrument(document: Any) -> bool:
 
 
 def keys_of(keyboard: dict[str, Any]) -> list[int]:
-    """The keys of a keyboard, upwards. Raises ValueError."""
+    """The keys of a keyboard that have a frequency, upwards. Raises ValueError."""
+    frequencies = frequencies_of(keyboard)
+    return [key for key in all_keys_of(keyboard) if key in frequencies]
+
+
+def all_keys_of(keyboard: dict[str, Any]) -> list[int]:
+    """The keys of a keyboard, upwards, with those that its tuning leaves out. Raises ValueError."""
     keys = keyboard["keys"]
     return sorted({key for text in ([keys] if isinstance(keys, str) else keys) for key in parse_keys(text)})
 
@@ -47,6 +54,11 @@ def expand(document: dict[str, Any]) -> Expansion:
     except ValidationError:  # which the scene will report
         return Expansion(document)
     score, keys = read_score(document), keys_of(document["keyboard"])
+    if not keys:
+        message, remedy = "no key has a frequency", "a tuning of some of its keys"
+        return Expansion(document, faults=[make_fault(("keyboard",), None, message, remedy)])
+    silent = set(all_keys_of(document["keyboard"])) - set(keys)
+    score = score.without_keys(silent)
     if not score.notes:
         score = score.with_middle_note(keys)
     expansion = Expansion(document)

@@ -25,10 +25,10 @@ class KeyValueError(ValueError):
         self.unknown = match[1] if match else ""
 
 
-def names_of_key(key: int, a4: float) -> dict[str, float]:
-    """Return the names that formulas can use for a key: its MIDI number, its number on a piano, and its frequency,
-    Hz."""
-    return {"key": float(key), "n": float(key - 20), "f": note_frequency(key, a4)}
+def names_of_key(key: int, frequency: float, a4: float) -> dict[str, float]:
+    """Return the names that formulas can use for a key: its MIDI number, its number on a piano, its frequency, and that
+    in equal temperament, Hz."""
+    return {"key": float(key), "n": float(key - 20), "f": frequency, "equal": note_frequency(key, a4)}
 
 
 def is_key_table(value: Any) -> bool:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from engine.bodies.table import KeyPath, is_number, make_fault
+from engine.instrument.key_frequencies import frequencies_of, pitch_of_a4
 from engine.instrument.key_names import name_of_copy, note_name, parse_keys
 from engine.instrument.key_values import KeyValueError, names_of_key, value_at_key, wrong_formulas
 
@@ -23,6 +24,7 @@ class KeyWriter:
         self.keyboard: dict[str, Any] = document["keyboard"]
         self.sections = {name: list(document.get(name) or []) for name in SECTIONS}
         self.origins: Origins = {}
+        self._frequencies = frequencies_of(self.keyboard)
         self._names: dict[int, dict[str, float]] = {}  # what formulas know of each key
         self.faults: list[Any] = []
         self.without_value: set[str] = set()  # names that formulas want, and of which a fault is kept already
@@ -33,7 +35,7 @@ class KeyWriter:
         values = self.keyboard.get("values") or {}
         for error in [*wrong_formulas(values, ("keyboard", "values")), *wrong_formulas(self.tables, ("key",))]:
             self.add_fault(error.path, error.value, error.message, error.remedy)
-        mono, known = self.keyboard.get("mono"), [*values, *names_of_key(0, 1.0)]
+        mono, known = self.keyboard.get("mono"), [*values, *names_of_key(0, 1.0, 1.0)]
         if mono is not None and mono not in known:
             self.add_fault(("keyboard", "mono"), mono, "no value has this name", f"one of {', '.join(known)}")
 
@@ -41,7 +43,7 @@ class KeyWriter:
         """Return the names that formulas can use at a key: those of the key, and the values of the patch."""
         if key in self._names:
             return self._names[key]
-        names = self._names[key] = names_of_key(key, float(self.keyboard.get("a4", 440.0)))
+        names = self._names[key] = names_of_key(key, self._frequencies[key], pitch_of_a4(self.keyboard))
         for name, value in (self.keyboard.get("values") or {}).items():
             number = self.read(value, key, names, ("keyboard", "values", name))
             if is_number(number):

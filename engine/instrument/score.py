@@ -1,6 +1,6 @@
 """The score of an instrument: notes, and how pedals are moved."""
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -53,6 +53,10 @@ class Score:
         """The score with one note, of the key nearest to C4."""
         middle = min(keys, key=lambda k: (abs(k - 60), k))
         return replace(self, notes=(PlayedNote(0.0, middle, DEFAULT_VELOCITY, 2.0, 64),))
+
+    def without_keys(self, keys: Container[int]) -> "Score":
+        """The score without the notes of some keys."""
+        return replace(self, notes=tuple(note for note in self.notes if note.key not in keys))
 
     def messages(self) -> tuple[Message, ...]:
         """Return the messages in the order in which they come. Of those of one time: the soft pedal acts on notes that

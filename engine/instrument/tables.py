@@ -22,6 +22,13 @@ def _check_key(value: str) -> str:
     return value
 
 
+def _check_key_names(frequencies: dict[str, float]) -> dict[str, float]:
+    """Frequencies by the names of keys. Raises PydanticCustomError."""
+    for name in frequencies:
+        _check_key(name)
+    return frequencies
+
+
 def _check_keys(value: Any) -> Any:
     """A range of keys, or a list of keys and ranges. Raises PydanticCustomError."""
     items = value if isinstance(value, list) else [value]
@@ -55,6 +62,7 @@ def _check_drums(drums: dict[str, str], info: ValidationInfo) -> dict[str, str]:
 KeyName = Annotated[str, AfterValidator(_check_key)]
 KeyRange = Annotated[str | list[str], AfterValidator(_check_keys)]
 Time = Annotated[float, Field(ge=0.0, le=MAX_SCORE_SECONDS)]
+Frequency = Annotated[float, Field(gt=0.0, le=1e6)]
 Pressed = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
@@ -67,6 +75,23 @@ class Keyboard(Table):
         ge=100.0,
         le=1000.0,
         description="frequency of A4, Hz; the frequencies f of all keys follow from it",
+    )
+    tuning: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=4096,
+        description="Scala file of a scale (.scl), which gives the frequencies f of all keys",
+    )
+    keyboard_map: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=4096,
+        description="Scala file of the degree of each key (.kbm); keys that it leaves out are silent; if absent, each"
+        " key is a degree, and C4 the first",
+    )
+    frequencies: Annotated[dict[str, Frequency], AfterValidator(_check_key_names)] | None = Field(
+        default=None,
+        description="frequencies f of all keys that sound, {C4 = 261.6}, Hz; instead of a tuning and a4",
     )
     sympathetic: bool = Field(
         default=False,

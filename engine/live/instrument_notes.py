@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from engine.instrument.expansion import expand_for_score, keys_of
+from engine.instrument.key_frequencies import frequencies_of
 from engine.instrument.key_names import note_name
 from engine.instrument.key_sequencer import FULL_VELOCITY, Message
 from engine.instrument.score import PedalMove, PlayedNote, Score, make_score
 from engine.instrument.tables import drum_keys
 from engine.live.key_bends import KeyBends, bend_events, bent_parameters
 from engine.live.midi_files import HELD_SECONDS, MidiNotes, read_notes
-from engine.live.midi_notes import UNKNOWN_RELEASE, MidiError, Note, NothingToPlay
+from engine.live.midi_notes import PITCH_KINDS, UNKNOWN_RELEASE, MidiError, Note, NothingToPlay
 from engine.live.midi_parts import ALL_NOTES, Excerpt
 from engine.patch.scene import Scene
 from engine.patch.scene_tables import MAX_EVENTS
@@ -46,8 +47,9 @@ def scene_of_file(scene: Scene, path: Path, excerpt: Excerpt = ALL_NOTES) -> Pla
         limit = f"{MAX_SECONDS:g}"
         raise MidiError(f"{path} lasts {score.end:.0f} s; the limit is {limit} s: give --seconds {limit}")
     expansion = expand_for_score(document | {"seconds": excerpt.seconds}, score)
-    if count := sum(note.kind == "bend" for note in notes):
-        bends = KeyBends(list(bent_parameters(expansion.document["body"], known)))
+    if count := sum(note.kind in PITCH_KINDS for note in notes):
+        frequencies = frequencies_of(document["keyboard"])
+        bends = KeyBends(list(bent_parameters(expansion.document["body"], known)), frequencies)
         expansion.document["event"] = [*expansion.document.get("event", []), *bend_events(bends, notes)]
         ignored = ignored if bends.parameters else ignored | {"pitch bend": count}
     check_events(path, expansion.document.get("event", []), score)
@@ -95,9 +97,9 @@ def score_of_notes(notes: list[Note], end: float | None = None) -> Score:
             for one in [one for one, on in begun.items() if note.channels.channel in on.channels.followed()]:
                 presses[one] = 0
                 finish(one, note.seconds, UNKNOWN_RELEASE)
-        elif note.kind != "bend":
+        elif note.kind not in PITCH_KINDS:
             moves.append(PedalMove(note.seconds, note.kind, note.value / FULL_VELOCITY))
-    messages = [message_of_note(note) for note in notes if note.kind != "bend"]
+    messages = [message_of_note(note) for note in notes if note.kind not in PITCH_KINDS]
     for part, number in list(begun):
         finish((part, number), end, UNKNOWN_RELEASE)
         off = Message(end, "off", number, UNKNOWN_RELEASE / FULL_VELOCITY, part)

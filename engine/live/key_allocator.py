@@ -5,6 +5,7 @@ from typing import Any, get_args
 
 from engine.instrument.expansion import expand_keys, keys_of
 from engine.instrument.held_keys import ALL
+from engine.instrument.key_frequencies import frequencies_of
 from engine.instrument.key_names import note_name, plain_note_name
 from engine.instrument.key_sequencer import FULL_VELOCITY, Cancel, KeyEvent, KeySequencer, Message
 from engine.instrument.key_writer import KeyWriter
@@ -12,7 +13,7 @@ from engine.instrument.score import Score
 from engine.live.controls import Controls, Targets, targets_of_all
 from engine.live.event_queue import RowSet, make_event, make_row_set
 from engine.live.key_bends import KeyBends, bent_parameters
-from engine.live.midi_notes import PEDALS, Move, Note
+from engine.live.midi_notes import PEDALS, PITCH_KINDS, Move, Note
 from engine.live.player import Player
 from engine.patch.frames import nearest_frame
 from engine.patch.scene import Scene
@@ -60,7 +61,8 @@ class KeyAllocator:
         self._names = {plain_note_name(key): key for key in self.keys}
         bodies = [body.model_dump(exclude_unset=True) for body in player.scene.body]
         bent = [one for one in bent_parameters(bodies, self.keys) if one.path in player.live_paths]
-        self._bends, self._bent = KeyBends(bent), {one.path: one.value for one in bent}
+        self._bends = KeyBends(bent, frequencies_of(document["keyboard"]))
+        self._bent = {one.path: one.value for one in bent}
 
     def take_over(self, other: object) -> None:
         """Go on from where another one was: pedals and wheels stay as they are, and what was counted counts. One of
@@ -98,7 +100,7 @@ class KeyAllocator:
     def play(self, note: Note, frame: int = 0) -> None:
         """Do what a message says, at a frame."""
         self._bends.follow(note)
-        if note.kind == "bend":
+        if note.kind in PITCH_KINDS:
             if not self._bent:
                 self.ignored["pitch bend"] = self.ignored.get("pitch bend", 0) + 1
             return

@@ -1,11 +1,12 @@
-"""The pitch wheel of an instrument: it bends those bodies of its keys that have a frequency or a tension."""
+"""Bends of the keys of an instrument, by the pitch wheel and by messages that tune keys: of those bodies that have a
+frequency or a tension."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from engine.instrument.held_keys import ALL
-from engine.instrument.key_names import plain_note_name
-from engine.live.midi_notes import Note
+from engine.instrument.key_names import note_frequency, plain_note_name
+from engine.live.midi_notes import PITCH_KINDS, Note
 from engine.live.mpe import ChannelBends, NoteChannels
 
 PITCH_KEYS = {"frequency": 1, "tension": 2}  # of a body: the first that it has goes with this power of the ratio
@@ -25,18 +26,23 @@ class KeyBends:
     """The present pitch bend of each key: by the wheel of the channel that played it last. A key that no channel has
     played follows the latest move of any.
 
-    parameters: of the keys
+    parameters:  of the keys
+    frequencies: of the keys as the patch has them, Hz
     """
 
-    def __init__(self, parameters: Sequence[BentParameter]) -> None:
-        self.parameters = parameters
+    def __init__(self, parameters: Sequence[BentParameter], frequencies: Mapping[int, float]) -> None:
+        self.parameters, self._frequencies = parameters, frequencies
+        self._tuned = dict[int, float]()  # ratios of keys that messages have tuned
         self._channels = {one.key: NoteChannels(ALL, ALL) for one in parameters}  # that a key follows
         self._bends = ChannelBends()
 
     def follow(self, note: Note) -> None:
-        """Follow a message: a move of the wheel, or a key that is pressed on another channel."""
+        """Follow a message: a move of the wheel, a key that is tuned, or one that is pressed on another channel."""
         if note.kind == "bend":
             self._bends.move(note.channels, note.value)
+        elif note.kind == "tune" and note.number in self._frequencies:
+            wanted = note_frequency(note.number) * 2.0 ** (note.value / 1200.0)
+            self._tuned[note.number] = wanted / self._frequencies[note.number]
         elif note.kind == "on" and note.number in self._channels:
             self._channels[note.number] = note.channels
 
@@ -56,12 +62,14 @@ class KeyBends:
 
     def take_over(self, other: "KeyBends") -> None:
         """Have the wheels where those of another one are."""
-        self._bends = other._bends
+        self._bends, self._tuned = other._bends, other._tuned
 
     def values(self) -> dict[str, float]:
         """The values of all parameters, by their paths."""
         return {
-            one.path: one.value * self._bends.ratio(self._channels[one.key]) ** one.power for one in self.parameters
+            one.path: one.value
+            * (self._bends.ratio(self._channels[one.key]) * self._tuned.get(one.key, 1.0)) ** one.power
+            for one in self.parameters
         }
 
 
@@ -81,7 +89,7 @@ def bend_events(bends: KeyBends, notes: Sequence[Note]) -> list[dict[str, Any]]:
     before, steps = bends.values(), dict[int, dict[str, float]]()
     for note in notes:
         bends.follow(note)
-        if note.kind in ("bend", "on"):
+        if note.kind in (*PITCH_KINDS, "on"):
             steps[round(note.seconds / BEND_STEP_SECONDS)] = bends.values()
     events = []
     for step, values in steps.items():

@@ -133,6 +133,7 @@ def lowest_ratio(text: str, scene: Scene, excerpt: Excerpt = ALL_NOTES) -> float
         followed = {note.channels.followed() for note in notes if note.kind == "on"}
         bend = min(sum(bends.get(channel, 0.0) for channel in channels) for channels in followed)
         keys = {note.number for note in notes if note.kind == "on"}
+        bend += min([0.0, *(note.value for note in notes if note.kind == "tune" and note.number in keys)])
         lowest = min(1.0, *(nearest_body(bodies, key).ratio(key) for key in keys))
         return float(lowest * 2.0 ** (bend / 1200.0))
     return PORT_LOWEST

@@ -9,6 +9,7 @@ from engine.live.mpe import DATA, DATA_FINE, DECREMENT, INCREMENT, NRPN, RPN_HIG
 PEDALS = {64: "sustain", 66: "sostenuto", 67: "soft"}  # by their controllers
 FIRST_MODE_MESSAGE = 120  # controllers from here on are messages to a channel
 ALL_SOUND_OFF = 120  # controller
+PITCH_KINDS = "bend", "tune"  # of messages that change the pitch of notes
 PEDAL_DOWN = 64  # of 127; below, a pedal is up
 NOTES_OFF = range(123, 128)  # controllers: all notes off, and the modes (omni, mono, poly), which mean that as well
 PARAMETER_CONTROLLERS = DATA, DATA_FINE, INCREMENT, DECREMENT, *NRPN, RPN_LOW, RPN_HIGH  # the order counts
@@ -28,9 +29,9 @@ class Note(NamedTuple):
     """A message."""
 
     seconds: float
-    kind: str  # on | off | bend | silence | the name of a pedal
+    kind: str  # on | off | bend | tune | silence | the name of a pedal
     number: int  # of the key
-    value: float  # velocity; how far a pedal is down, 0 to 127; how far the pitch is bent, cents
+    value: float  # velocity; how far a pedal is down, 0 to 127; how far the pitch is bent, or a key tuned, cents
     channels: NoteChannels = NoteChannels(ALL, ALL)  # that it follows, or whose message it is
     part: int = 0  # of a file; of a port, the channel, from 1
 
@@ -62,8 +63,9 @@ def parse_message(message: Any, seconds: float, zones: MpeZones) -> Note | None:
 
 
 def bends_of(zones: MpeZones, seconds: float) -> list[Note]:
-    """The bends that the last message caused, of ranges, tunings and zones."""
-    return [Note(seconds, "bend", 0, zones.cents(channel), zones.channels(channel)) for channel in zones.bent]
+    """The bends that the last message caused, of ranges, tunings and zones; and the keys that it tuned."""
+    bends = [Note(seconds, "bend", 0, zones.cents(channel), zones.channels(channel)) for channel in zones.bent]
+    return bends + [Note(seconds, "tune", key, cents) for key, cents in zones.tuned.items()]
 
 
 def parse_move(message: Any) -> Move | None:

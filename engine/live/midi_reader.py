@@ -3,6 +3,8 @@
 from collections import Counter
 from typing import Any, NamedTuple
 
+from engine.live.midi_tuning import is_tuning
+
 HEADER, TRACK = b"MThd", b"MTrk"
 HEADER_BYTES, CHUNK_BYTES = 6, 8  # of the header's data, of the name and length of a chunk
 MAX_NUMBER_BYTES, MAX_NUMBER = 4, 0x0FFFFFFF  # of a number of variable length
@@ -228,6 +230,9 @@ class TrackReader:
             if at + length > self._end:
                 raise ValueError
             self._take(at + length, delta)
+            data = self._data[at : at + length].removesuffix(bytes([END_OF_SYSEX]))
+            if status == SYSEX and is_tuning(data) and max(data) <= 0x7F:
+                self.events.append(Event(self._now, self._make([SYSEX, *data, END_OF_SYSEX]), None))
         elif status > 0xEF:
             self._take(at + 1 + COMMON_DATA_BYTES.get(status, 0), delta)
         else:

@@ -5,6 +5,7 @@ import math
 from typing import Any, NamedTuple
 
 from engine.instrument.held_keys import ALL
+from engine.live.midi_tuning import Cents, read_tuning_message
 from engine.patch.control_tables import Midi
 
 LOWER_MASTER, UPPER_MASTER = 1, 16  # channels, counted from 1
@@ -63,6 +64,7 @@ class MpeZones:
 
     regrouped: channels that were, or now are, in a zone that the last message set
     bent:      channels that the last message bends without a move of their wheel
+    tuned:     keys that the last message tunes
     together:  wheels and pedals outside zones act on the notes of all channels
     """
 
@@ -76,6 +78,7 @@ class MpeZones:
         self._fine = dict.fromkeys(range(1, 17), CENTRE_FINE)
         self._moved: dict[tuple[int, str, int], Any] = {}  # messages that a reset undoes
         self.bent = list[int]()
+        self.tuned: Cents = {}
         self._members = {LOWER_MASTER: 0, UPPER_MASTER: 0}
         self._range = dict.fromkeys(range(1, 17), midi.bend_range)  # semitones
         self._parameter: dict[int, list[int | None]] = {channel: [None, None] for channel in range(1, 17)}
@@ -87,7 +90,10 @@ class MpeZones:
 
     def feed(self, message: Any) -> bool:
         """Follow a message (of mido) if it sets a zone, a range of bend or a tuning; returns whether it does."""
-        self.regrouped, self.bent = [], []
+        self.regrouped, self.bent, self.tuned = [], [], {}
+        if message.type == "sysex":
+            self.tuned = read_tuning_message(message.data)
+            return True
         if message.type != "control_change":
             return False
         channel, control, value = message.channel + 1, message.control, message.value

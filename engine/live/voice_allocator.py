@@ -120,6 +120,7 @@ class VoiceAllocator:
         self.stolen = self.refused = 0
         self.ignored: dict[str, int] = {}  # messages, by what they are
         self._bends, self._held = ChannelBends(), HeldKeys[Key]()
+        self._tuned = dict[int, float]()  # cents, of keys that messages have tuned
         self._holding: dict[Key, Counter[int]] = {}  # how often each part has pressed a key that it holds
         self._voices = [Voice() for _ in range(player.voices)]
         self._tuning = threading.RLock()  # voices are tuned one at a time: a note waits for one at most
@@ -129,7 +130,7 @@ class VoiceAllocator:
         another kind leaves nothing."""
         if not isinstance(other, VoiceAllocator):
             return
-        self._bends, self.bends_later = other._bends, other.bends_later
+        self._bends, self.bends_later, self._tuned = other._bends, other.bends_later, other._tuned
         self.together = other.together
         for move in other._held.pedal_moves():
             self._held.move_pedal(*move)
@@ -141,7 +142,11 @@ class VoiceAllocator:
         """Do what a note says, at a frame."""
         key, frame = Key(note.number, note.channels), max(frame, self.player.frame)
         if note.kind == "bend":
-            self._bend_pitch(note.channels, note.value, frame)
+            self._bends.move(note.channels, note.value)
+            self._bend(frame)
+        elif note.kind == "tune":
+            self._tuned[note.number] = note.value
+            self._bend(frame)
         elif note.kind == "soft":
             self.ignored["soft pedal"] = self.ignored.get("soft pedal", 0) + 1
         elif note.kind in PEDAL_NAMES:
@@ -265,9 +270,8 @@ class VoiceAllocator:
             self._damp(number, RELEASE_DAMPER, frame)
             voice.quiet = min(voice.quiet, frame + self._samples(RELEASE_DAMPER))
 
-    def _bend_pitch(self, channels: NoteChannels, cents: float, frame: int) -> None:
-        """Bend the voices that follow a channel, or let `poll` do so."""
-        self._bends.move(channels, cents)
+    def _bend(self, frame: int) -> None:
+        """Bend the voices as far as wheels and tunings say, or let `poll` do so."""
         if not self.bends_later:
             self._follow_bends(frame)
 
@@ -291,7 +295,8 @@ class VoiceAllocator:
 
     def _ratio(self, key: Key, body: PitchedBody) -> float:
         """Return the ratio of the pitch of a key, bent as it is now, to that of a body."""
-        return body.ratio(key.number) * self._bends.ratio(key.channels)
+        tuned = float(2.0 ** (self._tuned.get(key.number, 0.0) / 1200.0))
+        return body.ratio(key.number) * self._bends.ratio(key.channels) * tuned
 
     def _tune(self, voice: int, ratio: float, body: PitchedBody, frame: int) -> bool:
         """Give a voice a pitch. Return False if it cannot have that: it is above what the sample rate carries, or below

@@ -6,11 +6,13 @@ from typing import Any
 
 from engine.argument_checks import values_by_path
 from engine.instrument.expansion import Expansion
+from engine.instrument.key_frequencies import pitch_of_a4
 from engine.output_files import write_text
 from engine.patch.parameters import Parameter, list_parameters
 from engine.patch.paths import replace_values
 from engine.patch.reader import DOCUMENT, read_scene, validate_document, validate_expansion
 from engine.patch.scene_tables import SceneTables
+from engine.patch.tuning_files import read_tuning, with_frequencies
 from engine.wording import to_one_line
 
 MAX_SHOWN_CHARACTERS = 60  # of what is not a scene
@@ -91,6 +93,23 @@ class Scene(SceneTables):
             write_text(path, write_json(self, folder))
         else:
             write_text(path, self.to_toml(folder))
+
+    def with_tuning(self, scale: str | Path | None, keyboard_map: str | Path | None = None) -> "Scene":
+        """Return the instrument with the frequencies of Scala files: of a scale (.scl), and of the degrees of its keys
+        (.kbm), which may leave keys out. Raises ValueError if it is no instrument, or a file cannot be used.
+
+        >>> import fdh
+        >>> fdh.load("tanpura").with_tuning("slendro.scl")
+        Traceback (most recent call last):
+        ValueError: the patch has no keys to tune; an instrument has a [keyboard]
+        """
+        if self._document is None:
+            raise ValueError("the patch has no keys to tune; an instrument has a [keyboard]")
+        keyboard = self._document["keyboard"]
+        files = [None if name is None else str(name) for name in (scale, keyboard_map)]
+        found = read_tuning(files[0], files[1], Path(), pitch_of_a4(keyboard))
+        document = self._document | {"keyboard": with_frequencies(keyboard, found)}
+        return scene_of_document(document, self._folder).model_copy(update={"accuracy": self.accuracy})
 
     def with_expansion(self, expansion: Expansion) -> "Scene":
         """Another scene of the same instrument: of other keys, or another score. Raises PatchError, with paths of the

@@ -34,6 +34,7 @@ from engine.patch.positions import tables_of
 from engine.patch.rules import check_rules
 from engine.patch.tables import MAX_GRAVITY, MAX_SECONDS, Connection, Contact, Event, Force, Pickup, SampledForce
 from engine.patch.tremolo import Tremolo
+from engine.patch.tuning_files import fill_in_tuning
 from engine.wording import to_one_line
 
 MAX_LEVEL = 400.0  # dB, either way
@@ -122,6 +123,9 @@ class SceneTables(Table):
             if faults:
                 raise ValidationError.from_exception_data(cls.__name__, faults[:MAX_FAULTS_COLLECTED])
         if is_instrument(data):
+            data, faults = fill_in_tuning(data, folder)
+            if faults:
+                raise ValidationError.from_exception_data(cls.__name__, faults)
             expansion = context.get("expansion")
             document = data if expansion is not None else copy.deepcopy(data)  # which who gave it may change
             expansion = expansion or expand(_limit_integers(data))

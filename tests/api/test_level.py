@@ -31,7 +31,16 @@ def dbfs(audio):
 def played_live(scene, osc=None):
     """The player that `fdh play` makes of a scene."""
     asked = argparse.Namespace(
-        cores=1, seconds=None, midi=None, osc=osc, voices=None, watch=False, block_size=256, event_log=None
+        tuning=None,
+        keyboard_map=None,
+        cores=1,
+        seconds=None,
+        midi=None,
+        osc=osc,
+        voices=None,
+        watch=False,
+        block_size=256,
+        event_log=None,
     )
     asked.kernel, asked.json, asked.ignore_speed, asked.gain, asked.accuracy = "general", True, True, None, {}
     factory = PlayerFactory(asked, RATE, 2)

@@ -86,7 +86,16 @@ def test_an_edit_of_the_structure_is_heard_within_0_3_s(tmp_path):
     path.write_text(text, "utf-8")
     scene = engine.load(path)
     asked = argparse.Namespace(
-        cores=None, seconds=None, midi=None, osc=None, voices=None, watch=True, block_size=256, event_log=None
+        tuning=None,
+        keyboard_map=None,
+        cores=None,
+        seconds=None,
+        midi=None,
+        osc=None,
+        voices=None,
+        watch=True,
+        block_size=256,
+        event_log=None,
     )
     asked.kernel, asked.json, asked.ignore_speed = None, True, True
     asked.gain, asked.accuracy = -20.0, {}

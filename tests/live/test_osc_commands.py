@@ -280,7 +280,16 @@ def test_an_instrument_that_waits_for_notes_has_a_level(name):
     """Its middle key, played as loud as can be, is near half of full scale, whatever unit its pickups have, if the
     patch gives no level."""
     asked = argparse.Namespace(
-        cores=1, seconds=None, midi=None, osc="0", voices=None, watch=False, block_size=256, event_log=None
+        tuning=None,
+        keyboard_map=None,
+        cores=1,
+        seconds=None,
+        midi=None,
+        osc="0",
+        voices=None,
+        watch=False,
+        block_size=256,
+        event_log=None,
     )
     asked.kernel, asked.json, asked.ignore_speed = "general", True, True
     asked.gain, asked.accuracy = None, {}

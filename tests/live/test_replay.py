@@ -61,7 +61,9 @@ def load(name: str) -> Scene:
 
 def on_device(scene: Scene, channels: int) -> Scene:
     """The scene as `fdh play` brings it to a device of so many channels."""
-    return PlayerFactory(argparse.Namespace(midi=None, osc=None, accuracy={}), 44_100, channels).prepare(scene)
+    return PlayerFactory(
+        argparse.Namespace(midi=None, osc=None, accuracy={}, tuning=None, keyboard_map=None), 44_100, channels
+    ).prepare(scene)
 
 
 def play(player: Player, blocks: int) -> np.ndarray:

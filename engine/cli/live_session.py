@@ -79,11 +79,11 @@ class PlayerFactory:
 
     def with_notes(self, scene: Scene) -> Scene:
         """The scene with the keys and the score that the notes ask for, if it is an instrument. Raises MidiError."""
-        if scene.instrument and self.is_played_live:
+        if scene.has_keys and self.is_played_live:
             return live_scene(scene)
         if not self.args.midi or self.is_played_live:
             return scene
-        if scene.instrument:
+        if scene.has_keys:
             scene, lines = add_score(scene, self.args)
         else:
             file = midi.read_for(scene, self.args.midi, excerpt_of(self.args))
@@ -103,10 +103,10 @@ class PlayerFactory:
         args, seconds = self.args, self.args.seconds
         many: dict[str, Any] = {"cores": args.cores or usable_cores(), "kernel": args.kernel}
         many["log"] = args.event_log is not None
-        is_waiting = bool(scene.instrument) and self.is_played_live
+        is_waiting = scene.has_keys and self.is_played_live
         if is_waiting:
             many["waiting"] = True
-        elif not scene.instrument and (args.midi or args.voices is not None) and midi.has_notes(scene, args.midi or ""):
+        elif not scene.has_keys and (args.midi or args.voices is not None) and midi.has_notes(scene, args.midi or ""):
             lowest = midi.lowest_ratio(args.midi or "", scene, excerpt_of(args))
             many |= {"voices": voice_count(args), "lowest": lowest}
         if (args.midi or args.watch or args.osc is not None) and seconds is None:

@@ -120,7 +120,7 @@ def play_notes(
     excerpt:  which of them
     channels: of the sound file; those of the scene if None
     """
-    play = _play_on_keyboard if scene.instrument else _play_on_voices
+    play = _play_on_keyboard if scene.has_keys else _play_on_voices
     return play(scene, excerpt, args, progress, scene.channels if channels is None else channels)
 
 

@@ -113,7 +113,7 @@ def render_command(args: argparse.Namespace) -> int:
         return scene_command(scene, args)
     if assignments or args.stems is not None:
         return mix_command(scene, assignments, args)
-    return instrument_command(scene, args) if scene.instrument else midi_command(scene, args)
+    return instrument_command(scene, args) if scene.has_keys else midi_command(scene, args)
 
 
 def ignored_options(scene: "Scene | None", args: argparse.Namespace) -> list[Fault]:
@@ -126,7 +126,7 @@ def ignored_options(scene: "Scene | None", args: argparse.Namespace) -> list[Fau
         given = [option for option, name in NOT_OF_MIXES.items() if getattr(args, name) is not None]
         mixed = "--play" if args.play is not None else "--stems"
         return [Fault(option, f"cannot be combined with {mixed}") for option in given]
-    if scene is None or scene.instrument:
+    if scene is None or scene.has_keys:
         message = "every key of an instrument has its own bodies; leave it out"
         return [Fault("--voices", message)] if scene is not None and args.voices is not None else []
     given = [option for option, name in NOT_OF_NOTES.items() if getattr(args, name) is not None]

@@ -10,6 +10,7 @@ LOWEST_KEY, HIGHEST_KEY = 0, 127
 LOWEST_PIANO_KEY = 21  # A0, key 1 of a piano
 KEY_PATTERN = re.compile(r"([A-Ga-g])([#b♯♭]?)(-1|\d)")
 RANGE_SEPARATOR = ".."
+PART_SEPARATOR = "__"  # between the name of a part of a rig and that of what it has
 KEY_HELP = 'a key such as "C4", "F#3" or "Bb2"'
 
 

@@ -13,10 +13,12 @@ from engine.instrument.key_sequencer import FULL_VELOCITY, Message
 from engine.instrument.score import PedalMove, PlayedNote, Score, make_score
 from engine.instrument.tables import drum_keys
 from engine.live.key_bends import KeyBends, bend_events, bent_parameters
-from engine.live.midi_files import HELD_SECONDS, MidiNotes, read_notes
-from engine.live.midi_notes import PITCH_KINDS, UNKNOWN_RELEASE, MidiError, Note, NothingToPlay
+from engine.live.midi_files import HELD_SECONDS, MidiNotes, read_notes, read_parts
+from engine.live.midi_notes import NOT_OF_SCORE, PITCH_KINDS, UNKNOWN_RELEASE, MidiError, Note, NothingToPlay
 from engine.live.midi_parts import ALL_NOTES, Excerpt
-from engine.patch.scene import Scene
+from engine.live.rig_keys import RigChoice, merge_counts
+from engine.patch.rig import Rig
+from engine.patch.scene import Scene, join_scenes
 from engine.patch.scene_tables import MAX_EVENTS
 from engine.patch.tables import MAX_SECONDS
 
@@ -32,28 +34,74 @@ class PlayedFile(NamedTuple):
 
 
 def scene_of_file(scene: Scene, path: Path, excerpt: Excerpt = ALL_NOTES) -> PlayedFile:
-    """An instrument that plays a MIDI file. Raises MidiError, PatchError if the patch has an error at a key."""
-    document = scene.instrument
-    if document is None:
+    """An instrument, or a rig, that plays a MIDI file. Raises MidiError, PatchError if the patch has an error at a
+    key."""
+    if scene.rig is not None:
+        return _rig_of_file(scene, scene.rig, path, excerpt)
+    if scene.instrument is None:
         raise MidiError("the patch is not an instrument: it has no [keyboard]")
-    file = read_notes(path, scene.midi, excerpt=excerpt, drums=drum_keys(document))
-    notes, ignored = file.notes, file.ignored
-    score, known = score_of_notes(notes, file.end), set(keys_of(document["keyboard"]))
+    file = read_notes(path, scene.midi, excerpt=excerpt, drums=drum_keys(scene.instrument))
+    played = _play_notes(scene, path, file.notes, file.end, excerpt.seconds)
+    if played is None:
+        raise NothingToPlay(f"{path} has no note for any key of the instrument")
+    ignored = merge_counts([file.ignored, played.ignored])
+    return PlayedFile(played.scene, played.score, played.refused, ignored, file)
+
+
+class PlayedPart(NamedTuple):
+    """An instrument that plays notes."""
+
+    scene: Scene
+    score: Score
+    refused: list[str]
+    ignored: dict[str, int]
+
+
+def _play_notes(scene: Scene, path: Path, notes: list[Note], end: float, seconds: float | None) -> PlayedPart | None:
+    """Let an instrument play notes of a file, which ends at a time (s), for so many seconds; None if it has none of the
+    keys. Raises MidiError."""
+    document = scene.instrument or {}
+    score, known = score_of_notes(notes, end), set(keys_of(document["keyboard"]))
     refused = sorted({note.key for note in score.notes} - known)
     score = replace(score, notes=tuple(note for note in score.notes if note.key in known))
     if not score.notes:
-        raise NothingToPlay(f"{path} has no note for any key of the instrument")
+        return None
     if score.end > MAX_SECONDS:
         limit = f"{MAX_SECONDS:g}"
         raise MidiError(f"{path} lasts {score.end:.0f} s; the limit is {limit} s: give --seconds {limit}")
-    expansion = expand_for_score(document | {"seconds": excerpt.seconds}, score)
+    expansion, ignored = expand_for_score(document | {"seconds": seconds}, score), dict[str, int]()
     if count := sum(note.kind in PITCH_KINDS for note in notes):
         frequencies = frequencies_of(document["keyboard"])
         bends = KeyBends(list(bent_parameters(expansion.document["body"], known)), frequencies)
         expansion.document["event"] = [*expansion.document.get("event", []), *bend_events(bends, notes)]
-        ignored = ignored if bends.parameters else ignored | {"pitch bend": count}
+        ignored = {} if bends.parameters else {"pitch bend": count}
     check_events(path, expansion.document.get("event", []), score)
-    return PlayedFile(scene.with_expansion(expansion), score, [note_name(key) for key in refused], ignored, file)
+    return PlayedPart(scene.with_expansion(expansion), score, [note_name(key) for key in refused], ignored)
+
+
+def _rig_of_file(scene: Scene, rig: Rig, path: Path, excerpt: Excerpt) -> PlayedFile:
+    """A rig that plays a MIDI file. Raises MidiError, PatchError."""
+    if excerpt.parts is None and not excerpt.channels and not excerpt.tracks:  # drums too, as a part may be one of them
+        excerpt = replace(excerpt, parts=frozenset(part.key for part in read_parts(path, scene.midi).parts))
+    file, choice = read_notes(path, scene.midi, excerpt=excerpt), RigChoice(rig.members)
+    notes: dict[str, list[Note]] = {member.name: [] for member in rig.members}
+    for note in file.notes:
+        for member, one in choice.divide(note):
+            notes[member.name].append(one)
+    sounding = dict[str, PlayedPart]()
+    for member in rig.members:
+        part = _play_notes(member.scene, path, notes[member.name], file.end, excerpt.seconds)
+        if part is not None:
+            sounding[member.name] = part
+    if not sounding:
+        raise NothingToPlay(f"{path} has no note for any part of the rig")
+    members = tuple(member for member in rig.members if member.name in sounding)
+    heard = Rig(rig.tables.model_copy(update={"seconds": None}), members)
+    joined = join_scenes(heard, [part.scene for part in sounding.values()])
+    refused = [f"{name} {key}" for name, part in sounding.items() for key in part.refused]
+    score = make_score(note for part in sounding.values() for note in part.score.notes)
+    ignored = merge_counts([file.ignored, *(part.ignored for part in sounding.values())])
+    return PlayedFile(joined, score, refused, ignored, file)
 
 
 def check_events(path: Path, events: list[dict[str, Any]], score: Score) -> None:
@@ -97,9 +145,9 @@ def score_of_notes(notes: list[Note], end: float | None = None) -> Score:
             for one in [one for one, on in begun.items() if note.channels.channel in on.channels.followed()]:
                 presses[one] = 0
                 finish(one, note.seconds, UNKNOWN_RELEASE)
-        elif note.kind not in PITCH_KINDS:
+        elif note.kind not in NOT_OF_SCORE:
             moves.append(PedalMove(note.seconds, note.kind, note.value / FULL_VELOCITY))
-    messages = [message_of_note(note) for note in notes if note.kind not in PITCH_KINDS]
+    messages = [message_of_note(note) for note in notes if note.kind not in NOT_OF_SCORE]
     for part, number in list(begun):
         finish((part, number), end, UNKNOWN_RELEASE)
         off = Message(end, "off", number, UNKNOWN_RELEASE / FULL_VELOCITY, part)

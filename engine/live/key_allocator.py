@@ -1,6 +1,6 @@
 """The keys of an instrument, played live: what its sequencer says is put into the queue of a player."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, get_args
 
 from engine.instrument.expansion import expand_keys, keys_of
@@ -16,34 +16,44 @@ from engine.live.key_bends import KeyBends, bent_parameters
 from engine.live.midi_notes import PEDALS, PITCH_KINDS, Move, Note
 from engine.live.player import Player
 from engine.patch.frames import nearest_frame
-from engine.patch.scene import Scene
+from engine.patch.rig import Member, Rig, rename
+from engine.patch.scene import Scene, join_scenes
 from engine.patch.tables import ChangeEvent, DampEvent, LiftEvent, PluckEvent, StrikeEvent
 
 TABLES: tuple[Any, ...] = (StrikeEvent, PluckEvent, DampEvent, LiftEvent, ChangeEvent)
 KINDS = {get_args(table.model_fields["kind"].annotation)[0]: table for table in TABLES}
 
 
-def live_scene(scene: Scene, keys: list[int] | None = None) -> Scene:
-    """An instrument with some keys, or all, at rest with its dampers down, to be played. Raises ValueError if it is
-    none, PatchError if the patch has an error at one of them."""
+def live_scene(scene: Scene, keys: Sequence[int] | None = None) -> Scene:
+    """An instrument with some keys, or all, at rest with its dampers down, to be played; or a rig with all keys. Raises
+    ValueError if it is none, PatchError if the patch has an error at one of them."""
+    if scene.rig is not None:
+        return live_rig(scene.rig, {})
     document = scene.instrument
     if document is None:
         raise ValueError("the patch is not an instrument; an instrument has a [keyboard]")
-    chosen = keys_of(document["keyboard"]) if keys is None else keys
+    chosen = keys_of(document["keyboard"]) if keys is None else list(keys)
     played = scene.with_expansion(expand_keys(document, chosen, Score(), is_live=True))
     return played.model_copy(update={"accuracy": scene.accuracy})
 
 
+def live_rig(rig: Rig, keys: Mapping[str, Sequence[int]]) -> Scene:
+    """A rig at rest, to be played. keys: of its parts, by their names; all of a part that is not there"""
+    return join_scenes(rig, [live_scene(member.scene, keys.get(member.name)) for member in rig.members])
+
+
 class KeyAllocator:
-    """Plays the keys of an instrument. player: of a `live_scene`, with `waiting = True`.
+    """Plays the keys of an instrument. player: of a `live_scene`, with `waiting = True`; member: part of its rig, whose
+    groups of events have numbers from `first_set` on
 
     controls: that notes begin with what their channels have moved; None if nothing does
     """
 
     controls: Controls | None = None
 
-    def __init__(self, player: Player) -> None:
-        document = player.patch.instrument
+    def __init__(self, player: Player, member: Member | None = None, first_set: int = 0) -> None:
+        document = player.patch.instrument if member is None else member.document
+        self.prefix = "" if member is None else member.prefix
         if document is None:
             raise ValueError("the patch is not an instrument; an instrument has a [keyboard]")
         self.player = player
@@ -55,12 +65,13 @@ class KeyAllocator:
             writer.write_key(key)
         self.sequencer = KeySequencer(writer, self.keys)
         self._played: dict[int, int] = {}
+        self._first_set = first_set
         self._damper_rows: dict[tuple[int, float], RowSet] = {}
         self._on_channel: dict[int, int] = {}  # of an MPE zone: the key pressed last
         self._of_keys: dict[str, list[tuple[str, int | None]]] = {}  # live parameters of a path, and whose key's
         self._names = {plain_note_name(key): key for key in self.keys}
         bodies = [body.model_dump(exclude_unset=True) for body in player.scene.body]
-        bent = [one for one in bent_parameters(bodies, self.keys) if one.path in player.live_paths]
+        bent = [one for one in bent_parameters(bodies, self.keys, self.prefix) if one.path in player.live_paths]
         self._bends = KeyBends(bent, frequencies_of(document["keyboard"]))
         self._bent = {one.path: one.value for one in bent}
 
@@ -100,6 +111,8 @@ class KeyAllocator:
     def play(self, note: Note, frame: int = 0) -> None:
         """Do what a message says, at a frame."""
         self._bends.follow(note)
+        if note.kind == "program":
+            return
         if note.kind in PITCH_KINDS:
             if not self._bent:
                 self.ignored["pitch bend"] = self.ignored.get("pitch bend", 0) + 1
@@ -126,10 +139,10 @@ class KeyAllocator:
     def _dampers(self, key: int, share: float) -> RowSet:
         """Return the events by which a pedal moves the dampers of a key."""
         if (key, share) not in self._damper_rows:
-            tables = [event.table for event in self.sequencer.move_dampers(key, share)]
+            tables = [rename(event.table, self.prefix) for event in self.sequencer.move_dampers(key, share)]
             events = [make_event(KINDS[table["kind"]], **(table | {"time": 0.0})) for table in tables]
             rows = [row for event in events for row in self.player.rows.of_event(event)]
-            self._damper_rows[key, share] = make_row_set(len(self._damper_rows), rows)
+            self._damper_rows[key, share] = make_row_set(self._first_set + len(self._damper_rows), rows)
         return self._damper_rows[key, share]
 
     def release_all(self, part: int, frame: int = 0) -> None:
@@ -142,7 +155,7 @@ class KeyAllocator:
             if isinstance(event, Cancel):
                 self.player.cancel(event.note, frame)
                 continue
-            table, at = event.table, frame
+            table, at = rename(event.table, self.prefix), frame
             if later := nearest_frame(table.get("time", 0.0), self.player.samplerate):
                 at = max(frame, self.player.frame) + later
             one = make_event(KINDS[table["kind"]], **(table | {"time": 0.0}))
@@ -181,7 +194,7 @@ class KeyAllocator:
         share."""
         if path not in self._of_keys:
             parameters = targets_of_all(player, path)
-            keys = [self._names.get(".".join(one.split(".")[1:2]).partition("_")[0]) for one in parameters]
+            keys = [self._names.get(self._own(".".join(one.split(".")[1:2])).partition("_")[0]) for one in parameters]
             self._of_keys[path] = list(zip(parameters, keys, strict=True))
         return self._of_keys[path]
 
@@ -196,10 +209,16 @@ class KeyAllocator:
 
         self.controls.begin_note(targets, channels.followed(), note.number, max(frame, self.player.frame))
 
+    def _own(self, name: str) -> str:
+        """A name of the scene as the patch of the instrument has it; "" of another part's."""
+        return name.removeprefix(self.prefix) if name.startswith(self.prefix) else ""
+
     def _is_written(self, writer: KeyWriter, key: int) -> bool:
         """True if the scene was written out with a key; one without bodies of its own, such as an open string, plucks
         bodies of the scene."""
         if any(True for _ in writer.tables_at("body", key)):
-            return any(body.startswith(f"{plain_note_name(key)}_") for body in self.player.layout.body_index)
-        plucked = {table.get("body") for _, table in writer.tables_at("on", key) if table.get("kind") == "pluck"}
+            of_key = f"{self.prefix}{plain_note_name(key)}_"
+            return any(body.startswith(of_key) for body in self.player.layout.body_index)
+        tables = [table for _, table in writer.tables_at("on", key) if table.get("kind") == "pluck"]
+        plucked = {f"{self.prefix}{table.get('body')}" for table in tables}
         return plucked <= {force.body for force in self.player.scene.force}

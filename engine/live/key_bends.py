@@ -73,11 +73,13 @@ class KeyBends:
         }
 
 
-def bent_parameters(bodies: Iterable[dict[str, Any]], keys: Iterable[int]) -> Iterator[BentParameter]:
-    """Yield the parameters that bend the keys of an instrument. bodies: as its patch, written out, gives them"""
+def bent_parameters(bodies: Iterable[dict[str, Any]], keys: Iterable[int], prefix: str = "") -> Iterator[BentParameter]:
+    """Yield the parameters that bend the keys of an instrument. bodies: as its patch, written out, gives them; prefix:
+    of their names"""
     names = {plain_note_name(key): key for key in keys}
     for body in bodies:
-        key = names.get(body["name"].partition("_")[0])
+        is_own = body["name"].startswith(prefix)
+        key = names.get(body["name"].removeprefix(prefix).partition("_")[0]) if is_own else None
         pitch = next((pitch for pitch in PITCH_KEYS if isinstance(body.get(pitch), float | int)), None)
         if key is not None and pitch is not None:
             yield BentParameter(key, f"body.{body['name']}.{pitch}", float(body[pitch]), PITCH_KEYS[pitch])

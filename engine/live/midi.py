@@ -15,6 +15,7 @@ from engine.live.midi_notes import MidiError, Note
 from engine.live.midi_parts import ALL_NOTES, Excerpt
 from engine.live.motion_watch import MotionWatch
 from engine.live.player import Player
+from engine.live.rig_keys import RigKeys
 from engine.live.shared_memory import Gauge, Slot
 from engine.live.voice_allocator import VoiceAllocator, nearest_body, pitched_bodies
 from engine.offline.infrasound import warn_of_infrasound
@@ -28,7 +29,7 @@ LOOKAHEAD = 0.2  # s, by which notes of a file are sent before they sound
 PORT_LOWEST = 2.0 ** (-24.5 / 12.0)  # ratio of the lowest pitch of notes of a port
 RENDER_GAIN = 1e-6  # gain of a render: single precision is as exact at any, and no limiter is to act
 
-Allocator = VoiceAllocator | KeyAllocator
+Allocator = VoiceAllocator | KeyAllocator | RigKeys
 
 
 class MidiFilePlayer:
@@ -90,6 +91,8 @@ def make_allocator(player: Player) -> Allocator | None:
     MidiError."""
     if player.voices:
         return VoiceAllocator(player)
+    if player.waiting and player.patch.rig is not None:
+        return RigKeys(player, player.patch.rig)
     return KeyAllocator(player) if player.waiting and player.patch.instrument is not None else None
 
 

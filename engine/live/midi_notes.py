@@ -10,6 +10,7 @@ PEDALS = {64: "sustain", 66: "sostenuto", 67: "soft"}  # by their controllers
 FIRST_MODE_MESSAGE = 120  # controllers from here on are messages to a channel
 ALL_SOUND_OFF = 120  # controller
 PITCH_KINDS = "bend", "tune"  # of messages that change the pitch of notes
+NOT_OF_SCORE = (*PITCH_KINDS, "program")  # kinds of messages that no score of keys has
 PEDAL_DOWN = 64  # of 127; below, a pedal is up
 NOTES_OFF = range(123, 128)  # controllers: all notes off, and the modes (omni, mono, poly), which mean that as well
 PARAMETER_CONTROLLERS = DATA, DATA_FINE, INCREMENT, DECREMENT, *NRPN, RPN_LOW, RPN_HIGH  # the order counts
@@ -29,7 +30,7 @@ class Note(NamedTuple):
     """A message."""
 
     seconds: float
-    kind: str  # on | off | bend | tune | silence | the name of a pedal
+    kind: str  # on | off | bend | tune | silence | program | the name of a pedal
     number: int  # of the key
     value: float  # velocity; how far a pedal is down, 0 to 127; how far the pitch is bent, or a key tuned, cents
     channels: NoteChannels = NoteChannels(ALL, ALL)  # that it follows, or whose message it is
@@ -59,6 +60,8 @@ def parse_message(message: Any, seconds: float, zones: MpeZones) -> Note | None:
     if message.type == "pitchwheel":
         channel = message.channel + 1
         return Note(seconds, "bend", 0, zones.move_wheel(channel, message.pitch), zones.channels(channel))
+    if message.type == "program_change":
+        return Note(seconds, "program", 0, message.program, zones.channels(message.channel + 1))
     return None
 
 

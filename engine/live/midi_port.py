@@ -24,9 +24,10 @@ from engine.live.midi_notes import (
     parse_move,
 )
 from engine.live.mpe import RESET_CONTROLLERS, MpeZones
+from engine.live.rig_keys import RigKeys
 from engine.live.voice_allocator import VoiceAllocator
 
-Allocator = VoiceAllocator | KeyAllocator
+Allocator = VoiceAllocator | KeyAllocator | RigKeys
 MAX_READ, MAX_AT_ONCE = 4096, 64  # messages that are read, and taken, between two looks at the other inputs
 LOOK_SECONDS = 1.0  # between two looks at whether the port is there
 CHANNELS = range(1, 17)

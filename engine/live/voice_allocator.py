@@ -147,6 +147,8 @@ class VoiceAllocator:
         elif note.kind == "tune":
             self._tuned[note.number] = note.value
             self._bend(frame)
+        elif note.kind == "program":
+            return
         elif note.kind == "soft":
             self.ignored["soft pedal"] = self.ignored.get("soft pedal", 0) + 1
         elif note.kind in PEDAL_NAMES:

@@ -7,6 +7,7 @@ from typing import Any
 from pydantic_core import InitErrorDetails
 
 from engine.bodies.table import make_fault
+from engine.instrument.key_names import PART_SEPARATOR
 from engine.patch.live_parameters import LivePath, explain_unknown, live_paths, with_value
 
 Faults = Iterator[InitErrorDetails]
@@ -20,7 +21,8 @@ def paths_of_keys(paths: dict[str, LivePath], parameter: str) -> list[str]:
     if parameter in paths or parameter.count(".") < 2:
         return [parameter] if parameter in paths else []
     section, name, rest = map(re.escape, parameter.split(".", 2))
-    pattern = re.compile(rf"{section}\.{KEY_NAME}{name}\d*\.{rest}")
+    part, separator, own = name.rpartition(PART_SEPARATOR)
+    pattern = re.compile(rf"{section}\.({KEY_NAME}{name}|{part}{separator}{KEY_NAME}{own})\d*\.{rest}")
     return [path for path in paths if pattern.fullmatch(path)]
 
 

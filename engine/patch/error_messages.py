@@ -28,13 +28,13 @@ class Location(NamedTuple):
     field: FieldInfo | None
 
 
-def locate_error(error: Any) -> Location:
-    """Find the path in the patch of an error, the models whose key it is, and its field.
+def locate_error(error: Any, of: type[BaseModel] = SceneTables) -> Location:
+    """Find the path in the patch of an error, the models whose key it is, and its field. of: the model of the whole
 
     Pydantic puts a table's kind into the path, after its number; our own errors do not.
     """
     path: KeyPath = ()
-    models: dict[str, type[BaseModel]] = {"": SceneTables}
+    models: dict[str, type[BaseModel]] = {"": of}
     field: FieldInfo | None = None
     inner = models
     for part in error["loc"]:

@@ -48,10 +48,19 @@ SYNTAX_REMEDIES = {
 }
 
 
-def read_scene(kind: type[S], path: str | Path | dict[str, Any]) -> S:
-    """Read a patch as `fdh.load` does. kind: the class of the scene"""
+class Document(NamedTuple):
+    """A patch or a rig that was read, and is still to be validated; as of `validate_document`."""
+
+    data: dict[str, Any]
+    folder: Path
+    file: str
+    text: str
+
+
+def read_document(path: str | Path | dict[str, Any]) -> Document:
+    """Read a patch or a rig as `fdh.load` does."""
     if isinstance(path, dict):
-        return validate_document(kind, path, Path(), DOCUMENT, "")
+        return Document(path, Path(), DOCUMENT, "")
     if not isinstance(path, str | Path):
         raise TypeError(
             f'{to_one_line(repr(path), 60)} is not a path; give one, or a shipped name: fdh.load("tanpura")'
@@ -64,7 +73,7 @@ def read_scene(kind: type[S], path: str | Path | dict[str, Any]) -> S:
     if remove_precision(data):
         note = Fault(format_path(PATH), NOTE, str(path), nearest_line(locate_keys(text), PATH))
         warnings.warn(str(note), PatchWarning, stacklevel=3)  # where `fdh.load` is called
-    return validate_document(kind, data, path.parent, str(path), "" if path.suffix.lower() == ".json" else text)
+    return Document(data, path.parent, str(path), "" if path.suffix.lower() == ".json" else text)
 
 
 def read_text(path: Path) -> str:

@@ -1,8 +1,8 @@
 """A patch as a Scene: read, looked at, and changed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from engine.argument_checks import values_by_path
 from engine.instrument.expansion import Expansion
@@ -10,7 +10,8 @@ from engine.instrument.key_frequencies import pitch_of_a4
 from engine.output_files import write_text
 from engine.patch.parameters import Parameter, list_parameters
 from engine.patch.paths import replace_values
-from engine.patch.reader import DOCUMENT, read_scene, validate_document, validate_expansion
+from engine.patch.reader import DOCUMENT, read_document, validate_document, validate_expansion
+from engine.patch.rig import Rig, is_rig, join_parts, read_rig
 from engine.patch.scene_tables import SceneTables
 from engine.patch.tuning_files import read_tuning, with_frequencies
 from engine.wording import to_one_line
@@ -111,6 +112,16 @@ class Scene(SceneTables):
         document = self._document | {"keyboard": with_frequencies(keyboard, found)}
         return scene_of_document(document, self._folder).model_copy(update={"accuracy": self.accuracy})
 
+    @property
+    def has_keys(self) -> bool:
+        """True if keys play it: of an instrument, or of the parts of a rig."""
+        return self._document is not None or self._rig is not None
+
+    @property
+    def rig(self) -> Rig | None:
+        """The rig that this scene is; None of a single patch."""
+        return cast(Rig | None, self._rig)
+
     def with_expansion(self, expansion: Expansion) -> "Scene":
         """Another scene of the same instrument: of other keys, or another score. Raises PatchError, with paths of the
         patch."""
@@ -132,7 +143,18 @@ def load(path: str | Path | dict[str, Any]) -> Scene:
     >>> fdh.load({"body": [ball], "pickup": [{"body": "ball"}]}).seconds
     2.0
     """
-    return read_scene(Scene, path)
+    document = read_document(path)
+    if is_rig(document.data):
+        rig = read_rig(document, load)
+        return join_scenes(rig, [member.scene for member in rig.members])
+    return validate_document(Scene, *document)
+
+
+def join_scenes(rig: Rig, scenes: Sequence[Scene]) -> Scene:
+    """Return the scene of a rig, in which each part plays the score of its own scene. Raises PatchError."""
+    joined = Scene.model_validate(join_parts(rig, scenes))
+    joined._rig = rig
+    return joined
 
 
 def scene_of_document(data: dict[str, Any], folder: Path, file: str = DOCUMENT, text: str = "") -> Scene:

@@ -107,6 +107,7 @@ class SceneTables(Table):
     _document: dict[str, Any] | None = PrivateAttr(default=None)  # of an instrument, as it was read
     _source: dict[str, Any] | None = PrivateAttr(default=None)  # of a patch with named values, as it was read
     _folder: Path = PrivateAttr(default=Path())
+    _rig: Any = PrivateAttr(default=None)  # of several instruments (engine.patch.rig)
     _output_gains: dict[int, float] = PrivateAttr(default_factory=dict)  # of channels, from 0, as a session sets them
 
     @model_validator(mode="wrap")

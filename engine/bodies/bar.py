@@ -16,6 +16,7 @@ from engine.bodies.distributed import LineBody, ModeSet, mode_numbers, rise_from
 from engine.bodies.materials import Material, MaterialName, absent_losses, absent_numbers
 from engine.bodies.table import KeyPath, Positive, Table, are_positive, is_given, make_fault
 from engine.bodies.tips import Compliance
+from engine.wording import format_value
 
 MODES_OF_STATICS = 2_000  # whose compliances fall off with the fourth power of their number
 SETS_OF_ROOTS = 64  # that are kept: bars of an instrument mostly share theirs
@@ -148,6 +149,12 @@ class Bar(LineBody):
         """Cords hold a free bar; the ratios of partials rise from 1; what a material gives goes with a section."""
         yield from super().faults(path, table)
         of_material = [key for key in ("young", "density") if is_given(table, key)]
+        if is_given(table, "density") and not any(is_given(table, key) for key in ("width", "thickness", "material")):
+            value = format_value(table["density"])
+            remedy = f"give both in m; if {value} kg/m is meant, its name is linear_density"
+            message = f"{value} kg/m³, and no width and thickness are given"
+            yield make_fault((*path, "density"), table["density"], message, remedy)
+            return
         for key in ("width", "thickness"):
             if of_material and not is_given(table, key):
                 remedy = "young in Pa and density in kg/m³ go with width and thickness in m"

@@ -184,6 +184,7 @@ class Session:
         """Print what plays, and where."""
         title, rate = self.first.patch.title or Path(self.args.patch).stem, self.first.samplerate
         text = f"{title}, on {self.device} at {rate} Hz, blocks of {self.args.block_size}"
+        text += f", latency {1000 * float(np.max(self.stream.latency)):.0f} ms"
         text += f", OSC at port {self.inputs.osc_port}" if self.inputs.osc_port else ""
         print(text, file=sys.stderr if self.args.json else sys.stdout, flush=True)
 

@@ -3,9 +3,12 @@
 from typing import Any
 
 from engine.bodies import BODIES
+from engine.patch.rig import RigTables
 from engine.patch.scene_tables import SceneTables
 
 FORMULA = "Formula"  # the definition of a text such as "= 2*radius"
+OF_MATERIAL = {"required": ["material"]}
+GIVEN_BY_MATERIAL = "young", "density", "area_density"  # keys of bodies
 SCHEMA_DRAFT = "http://json-schema.org/draft-07/schema#"  # the one that editors of TOML know
 
 
@@ -27,12 +30,32 @@ def patch_schema() -> dict[str, Any]:
             {"oneOf": [{"required": [key]} for key in keys]} for *keys, _ in BODIES[kind].EXACTLY_ONE_OF
         ]
         rules += [{"not": {"required": [a, b]}} for a, b in BODIES[kind].AT_MOST_ONE_OF]
+        if "material" in table["properties"]:
+            rules = [
+                *_with_material(table),
+                *({"anyOf": [rule, OF_MATERIAL]} if "oneOf" in rule else rule for rule in rules),
+            ]
         if rules:
             table["allOf"] = rules
     needed = schema.pop("required")  # by a plain patch; an instrument may have them of each key
     schema["anyOf"] = [{"required": needed}, {"required": ["keyboard", "key"]}]
     head = {"$schema": SCHEMA_DRAFT, "title": "Patch", "description": "A patch of the FDH engine, in SI units."}
     return head | {key: _simplify(node) for key, node in {**schema, **head, "definitions": tables}.items()}
+
+
+def _with_material(table: dict[str, Any]) -> list[dict[str, Any]]:
+    """The rules for those required keys of a body that a material may give instead; they are no longer required."""
+    needed = [key for key in table["required"] if key in GIVEN_BY_MATERIAL]
+    table["required"] = [key for key in table["required"] if key not in needed]
+    return [{"anyOf": [{"required": needed}, OF_MATERIAL]}] if needed else []
+
+
+def rig_schema() -> dict[str, Any]:
+    """JSON Schema of a rig, draft 7."""
+    schema = RigTables.model_json_schema(ref_template="#/definitions/{model}")
+    schema["definitions"] = schema.pop("$defs")
+    simple: dict[str, Any] = _simplify(schema)
+    return simple
 
 
 def editor_schema() -> dict[str, Any]:

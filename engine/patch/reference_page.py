@@ -12,7 +12,7 @@ from typing import Any
 from engine.bodies.decay import DECAY_LAWS
 from engine.bodies.initial_shape import INITIAL_SHAPES
 from engine.bodies.materials import MATERIALS
-from engine.patch.json_schema import patch_schema, resolve_ref, variants
+from engine.patch.json_schema import patch_schema, resolve_ref, rig_schema, variants
 from engine.patch.number_format import format_number, split_unit
 
 REFERENCE_PREFACE = """# Patches: every key
@@ -35,6 +35,9 @@ and loss factor η; wood has E along its grain (the x of a plate) and across it.
 its material does: give a `decay` if it rings too long. Sources: a, Fletcher & Rossing, The Physics of Musical
 Instruments (1998), ch. 22; b, Cremer, Heckl & Petersson, Structure-Borne Sound (2005), ch. 4; c, Ashby, Materials
 Selection in Mechanical Design (2011), appendix A, the middle of the range; d, USDA Wood Handbook (2010), ch. 5."""
+
+RIG_PREFACE = """A rig is a file of its own, of instruments that are played together
+([instruments](instruments.md#rigs)). It may have an `[accuracy]` and `[midi]`, as a patch."""
 
 # arrays of tables and [accuracy]: their headings; and the tables inside them with the names of their models, where one
 # key has several
@@ -111,6 +114,10 @@ def reference_page() -> str:
         for title, model in inner.items():
             lines += [f"### `{title}`", "", *_table_section(schema["definitions"][model])]
         lines += _materials() if name == "body" else []
+    rig = rig_schema()
+    own = {**rig, "properties": {key: rig["properties"][key] for key in ("title", "seconds")}}
+    lines += ["", "## Rigs", "", RIG_PREFACE, "", *_markdown_rows(own), "", "### Parts: `[[part]]`", ""]
+    lines += _table_section(rig["definitions"]["RigPart"])
     return re.sub(r"\n{3,}", "\n\n", "\n".join(lines)).rstrip() + "\n"
 
 
@@ -141,7 +148,8 @@ def top_level(schema: dict[str, Any]) -> dict[str, Any]:
 
 def _table_section(table: dict[str, Any]) -> list[str]:
     """Lines that say what a table is and which of its keys exclude each other, and list all of them."""
-    sets = [[option["required"][0] for option in rule["oneOf"]] for rule in table.get("allOf", []) if "oneOf" in rule]
+    rules = [rule["anyOf"][0] if "anyOf" in rule else rule for rule in table.get("allOf", [])]  # or of a material
+    sets = [[option["required"][0] for option in rule["oneOf"]] for rule in rules if "oneOf" in rule]
     choices = " and ".join("either " + " or ".join(f"`{key}`" for key in keys) for keys in sets)
     text = " ".join(table["description"].split()) + (f" Give {choices}." if choices else "")
     return [text, "", *_markdown_rows(table), ""]

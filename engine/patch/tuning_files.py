@@ -80,7 +80,7 @@ def read_tuning(scale: str | None, keyboard_map: str | None, folder: Path, a4: f
 
 
 def _read(key: str, path: Path, read: Any) -> Any:
-    """What a file says. Raises TuningError."""
+    """Read what a file says. Raises TuningError."""
     what = "a scale, .scl" if key == "tuning" else "a keyboard map, .kbm"
     try:
         return read(read_bytes(path, MAX_FILE_BYTES).decode("latin-1"))

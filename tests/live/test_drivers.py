@@ -51,7 +51,7 @@ def test_the_driver_is_given_what_the_log_says(tmp_path, file_device, callback):
     words = ["--seconds", "0.7", "--callback", callback, "--event-log", log, "--record", record]
     done = run("play", PIANO, *words, environment=environment)
     assert done.returncode == 0, done.stderr
-    assert "on default" in done.stdout and "load" in done.stdout
+    assert "on default" in done.stdout and "load" in done.stdout and ", latency " in done.stdout
     assert run("replay", log, "-o", again).returncode == 0
     wanted = soundfile.read(again, dtype="float32")[0]
     assert len(wanted) == round(0.7 * 44_100) and wanted.any()

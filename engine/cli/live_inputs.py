@@ -12,6 +12,7 @@ from engine.live.controls import Controls
 from engine.live.level_player import LevelPlayer
 from engine.live.midi_files import is_midi_file, read_notes
 from engine.live.midi_port import MidiPort
+from engine.live.midi_recording import MidiRecording
 from engine.live.osc import OscServer, parse_address
 from engine.live.osc_commands import OscCommands
 from engine.live.player import Player
@@ -31,9 +32,10 @@ class Inputs:
         commands: OscCommands,
         controls: Controls,
         levels: LevelPlayer | None = None,
+        record: MidiRecording | None = None,
     ) -> None:
         self._notes, self._osc, self._commands, self._controls = notes, osc, commands, controls
-        self._levels = levels
+        self._levels, self._record = levels, record
         self._worker, self._made = ThreadPoolExecutor(1), Future[None]()
         self._made.set_result(None)
 
@@ -81,8 +83,10 @@ class Inputs:
             self._commands.keys.poll()
 
     def close(self) -> list[str]:
-        """End it all; returns what there is to be said."""
+        """End it all, and write what was played; returns what there is to be said. Raises OSError."""
         self._worker.shutdown(cancel_futures=True)
+        if self._record is not None:
+            self._record.save()
         if self._osc is None:
             return []
         self._osc.close()
@@ -96,13 +100,14 @@ def open_inputs(
     Raises MidiError, OscError."""
     commands, levels = OscCommands(controls, allocator), None
     notes: midi.MidiFilePlayer | MidiPort | None = None
+    record = None if args.record_midi is None else MidiRecording(args.record_midi)
     if args.midi and is_midi_file(args.midi):
         notes = midi.open_file(args.midi, allocator, controls, excerpt_of(args))
         levels = open_levels(args, controls, notes, channels)
     elif args.midi:
-        notes = MidiPort(args.midi, lambda: commands.keys, controls, commands.notices.add)
+        notes = MidiPort(args.midi, lambda: commands.keys, controls, commands.notices.add, record)
     osc = None if args.osc is None else OscServer(parse_address(args.osc), commands.receive, commands.notices.add)
-    return Inputs(notes, osc, commands, controls, levels)
+    return Inputs(notes, osc, commands, controls, levels, record)
 
 
 def open_levels(

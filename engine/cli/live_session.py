@@ -395,7 +395,7 @@ def print_live_text(now: MeterReading, played: dict[str, str], args: argparse.Na
     for key, message in remarks.items():
         if now[key]:
             print(f"{now[key]} {message}")
-    for target in (args.record, args.event_log):
+    for target in (args.record, args.record_midi, args.event_log):
         if target and target.exists():
             print(target)
 

@@ -15,6 +15,7 @@ from engine.cli.option_checks import (
 )
 from engine.cli.tuning_options import add_tuning_options, read_tuned_patch
 from engine.faults import Fault
+from engine.live.midi_files import is_midi_file
 from engine.live.osc import parse_address
 from engine.output_files import check_audio_format, error_reason
 
@@ -46,9 +47,10 @@ def add_play_command(commands: "arguments.Commands") -> None:
     arguments.add_options(parser, "--channels", "--tracks", voices, ("--osc", "[HOST:]PORT", text))
     add_tuning_options(parser)
     parser.add_argument("--watch", action="store_true", help="reload the patch whenever it is saved")
-    record = "--record", "OUT.wav", "also record the sound to this file"
+    text = "also record the sound to this file; or, if it ends in .mid, what a MIDI port plays; repeat it for both"
+    parser.add_argument("--record", metavar="OUT.wav", action="append", default=[], help=text)
     log = "--event-log", "LOG.json", "also write a log of all events, for the command replay"
-    arguments.add_options(parser, record, "--subtype", log)
+    arguments.add_options(parser, "--subtype", log)
     text = "play even if the patch is too slow for real time"
     parser.add_argument("--ignore-speed", action="store_true", help=text)
     text = "compiled (default), or python, for comparison"
@@ -62,7 +64,8 @@ def live_command(args: argparse.Namespace) -> int:
     """Play a patch; returns the exit code."""
     scene, faults = read_tuned_patch(args.patch, args)
     option_faults = read_options(args)
-    option_faults += read_paths(args, "--record", "--event-log")
+    option_faults += read_recordings(args)
+    option_faults += read_paths(args, "--record", "--record-midi", "--event-log")
     option_faults += check_audio_format(args.record or Path("none.wav"), args.subtype, "--record")
     if scene is not None and not option_faults and args.record is not None and args.samplerate is not None:
         channels = scene.channels  # without a rate, it is the device's own
@@ -78,6 +81,20 @@ def live_command(args: argparse.Namespace) -> int:
         raise CommandError(error) from error
     except OSError as error:
         raise CommandError(f"cannot write the recording ({error_reason(error)})") from error
+
+
+def read_recordings(args: argparse.Namespace) -> list[Fault]:
+    """Divide the names of recordings into those of the sound and of the notes, in place; list their faults."""
+    files = {is_notes: [name for name in args.record if is_midi_file(name) == is_notes] for is_notes in (False, True)}
+    faults = [
+        Fault("--record", f"{names[0]} and {names[1]} are both given; give one sound file, and one .mid")
+        for names in files.values()
+        if len(names) > 1
+    ]
+    args.record, args.record_midi = (names[0] if names else None for names in files.values())
+    if args.record_midi is not None and (not args.midi or is_midi_file(args.midi)):
+        faults.append(Fault("--record", f"{args.record_midi} has what a MIDI port plays; give --midi PORT"))
+    return faults
 
 
 def read_play_options(args: argparse.Namespace) -> list[Fault]:

@@ -29,7 +29,7 @@ def is_tuned(args: argparse.Namespace) -> bool:
 def tune(scene: "Scene", args: argparse.Namespace) -> "Scene":
     """Return a patch that was read while it plays, such as an edited one, tuned as the options say. Raises
     ValueError."""
-    if is_tuned(args) and scene.instrument is not None:
+    if is_tuned(args) and scene.has_keys:
         return scene.with_tuning(args.tuning, args.keyboard_map)
     return scene
 

@@ -5,12 +5,13 @@ import struct
 
 import numpy as np
 
-from engine.export.row_recorder import Key, Pad, Rows, Slider
+from engine.export.row_recorder import Key, Law, Pad, Rows, Slider
 from engine.live.event_rows import MAX_SCALE
 
 MAX_VELOCITY = 1e4  # m/s, of a hammer: that of engine.bodies.table.Velocity
 NO_GROUP = -1
 ROW = struct.Struct("<8q3d")  # numbers and values
+CONTROL = struct.Struct("<3q7d")  # rows, range and law of a pad or a slider
 
 
 class EventTables:
@@ -34,15 +35,15 @@ class EventTables:
         """Add a pad, whose rows are those of a hammer at 1 m/s, or of a pluck as strong as in the patch."""
         place, low = (7, -MAX_VELOCITY) if pad.is_hammer else (6, math.ulp(0.0))
         at_zero = [[*row[:place], 0.0, *row[place + 1 :]] for row in pad.rows]
-        self._add_control(at_zero, pad.rows, low, MAX_VELOCITY if pad.is_hammer else MAX_SCALE)
+        (begin, count), (begin_at_one, _) = self._add(at_zero), self._add(pad.rows)
+        self.controls += CONTROL.pack(
+            begin, begin_at_one, count, low, MAX_VELOCITY if pad.is_hammer else MAX_SCALE, *Law()
+        )
 
     def add_slider(self, slider: Slider) -> None:
         """Add a slider."""
-        self._add_control(slider.rows, slider.rows_at_one, slider.low, slider.high)
-
-    def _add_control(self, at_zero: Rows, at_one: Rows, low: float, high: float) -> None:
-        (begin, count), (begin_at_one, _) = self._add(at_zero), self._add(at_one)
-        self.controls += struct.pack("<3q2d", begin, begin_at_one, count, low, high)
+        begin, count = self._add(slider.rows)
+        self.controls += CONTROL.pack(begin, begin, count, slider.low, slider.high, *slider.law)
 
     def _add(self, rows: Rows) -> tuple[int, int]:
         """Add rows; return where they begin, and how many they are."""

@@ -7,6 +7,7 @@ import math
 from collections.abc import Container, Sequence
 from typing import Any, NamedTuple
 
+from engine.assembly.coordinates import MAX_SHARE_LATER
 from engine.assembly.event_table import EventRow
 from engine.assembly.table_changes import NewValue, TableChanges, count_steps
 from engine.export.faults import CannotExport
@@ -39,6 +40,7 @@ LEAST_GAP = 1e-3  # m, that a slider of a gap goes either way
 # numbers that may be 0 or less, whose sliders are linear, and how far these go at least
 LEAST_REACH = dict.fromkeys(("barrier", "gap", "rest"), LEAST_GAP) | {"velocity": 0.5, "force": 1.0}
 MAX_SLIDERS = 24  # an instrument of many keys has hundreds of such numbers: then none is shown
+TRIED_SHARES = 0.0, 0.117, 0.25, 0.5003, 0.731, 1.0  # of a slider, at which its law is tried
 SLIDER_SECONDS = 0.02  # that its parameter takes to glide
 
 Rows = list[list[float]]
@@ -229,6 +231,23 @@ def pads_of_player(player: RowRecorder, velocity: float | None = None) -> list[P
     return pads
 
 
+class Law(NamedTuple):
+    """The value of a row of an event by the value x of a live parameter, as live sound has it, to the last bit:
+    ((x - shift)/part)/unit; or x/(1 - min(x*compliance, most)) of a spring beside a compliance."""
+
+    shift: float = 0.0
+    part: float = 1.0
+    unit: float = 1.0
+    compliance: float = 0.0  # m/N; 0: the first one
+    most: float = 0.0
+
+    def row_value(self, value: float) -> float:
+        """Return the value of a row."""
+        if self.compliance:
+            return value / (1.0 - min(value * self.compliance, self.most))
+        return (value - self.shift) / self.part / self.unit
+
+
 class Slider(NamedTuple):
     """A number of a patch that glides while it sounds."""
 
@@ -238,8 +257,8 @@ class Slider(NamedTuple):
     low: float
     high: float
     is_logarithmic: bool
-    rows: Rows  # for a value of 0 …
-    rows_at_one: Rows  # … and of 1: between them and beyond, their values lie on lines
+    rows: Rows  # whose values follow a law
+    law: Law
 
 
 def sliders_of_player(player: RowRecorder, chosen: Container[str] = ()) -> list[Slider]:
@@ -258,8 +277,9 @@ def sliders_of_player(player: RowRecorder, chosen: Container[str] = ()) -> list[
         low, high = (value - reach, value + reach) if is_linear else (value / TIMES, value * TIMES)
         limits = live_range(scene, *path[:3])
         ends = max(low, limits.low), min(high, limits.high)
-        rows = [_rows_at(player, parameter, one) for one in (value, value + _step(value, is_linear))]
-        sliders.append(_slider(parameter, limits.unit, value, ends, is_linear, rows))
+        law = _find_law(player, parameter, value, ends)
+        rows = _rows_at(player, parameter, value)
+        sliders.append(Slider(parameter, limits.unit, value, *ends, not is_linear, rows, law))
     return sliders
 
 
@@ -269,17 +289,18 @@ def _rows_at(player: RowRecorder, parameter: str, value: float) -> Rows:
     return player.take_rows()
 
 
-def _step(value: float, is_linear: bool) -> float:
-    """Return how far apart the two values of a slider are whose rows are looked at."""
-    return LEAST_GAP if is_linear else value
-
-
-def _slider(
-    parameter: str, unit: str, value: float, ends: tuple[float, float], is_linear: bool, rows: Sequence[Rows]
-) -> Slider:
-    """Return a slider whose rows at two values are known: at `value`, and a step beyond."""
-    step = _step(value, is_linear)
-    slopes = [(b[6] - a[6]) / step for a, b in zip(*rows, strict=True)]
-    at_zero = [[*row[:6], row[6] - slope * value, *row[7:]] for row, slope in zip(rows[0], slopes, strict=True)]
-    at_one = [[*row[:6], row[6] + slope, *row[7:]] for row, slope in zip(at_zero, slopes, strict=True)]
-    return Slider(parameter, unit, value, *ends, not is_linear, at_zero, at_one)
+def _find_law(player: RowRecorder, parameter: str, value: float, ends: tuple[float, float]) -> Law:
+    """Return the law of the rows of a live parameter. value: of the patch. Raises CannotExport if none is known."""
+    places = [value, *(ends[0] + share * (ends[1] - ends[0]) for share in TRIED_SHARES)]
+    tried = [(one, [row[6] for row in _rows_at(player, parameter, one)]) for one in places]
+    counts = {1, *(contact.bridge.points for contact in player.scene.contact if contact.bridge is not None)}
+    known = [Law(), *(Law(part=count, unit=value / count) for count in counts if value)]
+    heights = {point.offset for _, point in player.layout.islands.contact_points if hasattr(point, "offset")}
+    heights |= {contact.bridge.height for contact in player.scene.contact if contact.bridge is not None}
+    known += [Law(shift=height, part=sign) for height in (value, *sorted(heights)) for sign in (1.0, -1.0)]
+    for coordinates in player.layout.islands.coordinates:
+        known += [Law(compliance=item.excess, most=MAX_SHARE_LATER) for item in coordinates.items if item.excess]
+    for law in known:
+        if all(law.row_value(one) == found for one, row in tried for found in row):
+            return law
+    raise CannotExport(f"{parameter} can have no slider: its events follow from it in a way that no page knows")

@@ -23,6 +23,7 @@ from engine.live.midi_notes import (
     parse_message,
     parse_move,
 )
+from engine.live.midi_recording import MidiRecording
 from engine.live.mpe import RESET_CONTROLLERS, MpeZones
 from engine.live.rig_keys import RigKeys
 from engine.live.voice_allocator import VoiceAllocator
@@ -40,6 +41,7 @@ class MidiPort:
     name:      of the port, or a part of it
     allocator: returns what plays the notes now; None if nothing does
     say:       called with a line when the port vanishes, and when it is back
+    record:    keeps what is played
     Raises MidiError if there is no such port.
     """
 
@@ -49,8 +51,10 @@ class MidiPort:
         allocator: Callable[[], Allocator | None],
         controls: Controls,
         say: Callable[[str], None] = lambda line: None,
+        record: MidiRecording | None = None,
     ) -> None:
         self._wanted, self._allocator, self._controls, self._say = name, allocator, controls, say
+        self._record = record
         self._port: Any = open_port(name)
         self._name: str = self._port.name
         self._zones = MpeZones(controls.scene.midi, is_port=True)
@@ -76,6 +80,8 @@ class MidiPort:
         if message.type == "note_on" and message.velocity > 0:
             self._zones.hear(message.channel + 1)
         allocator = self._allocator()
+        if self._record is not None and message.type != "clock":
+            self._record.add(message, self._controls.player)
         if allocator is not None:
             allocator.together, allocator.controls = self._zones.together, self._controls
         if isinstance(allocator, VoiceAllocator):

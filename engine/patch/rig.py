@@ -3,7 +3,7 @@ one scene, in which what a part has begins with its name."""
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_origin
 
@@ -107,6 +107,11 @@ class Rig:
 
     tables: RigTables
     members: tuple[Member, ...]
+
+    def replace_scenes(self, scenes: Sequence[Any]) -> "Rig":
+        """Return the rig with other scenes of its instruments."""
+        changed = zip(self.members, scenes, strict=True)
+        return Rig(self.tables, tuple(replace(member, scene=scene) for member, scene in changed))
 
 
 def keys_in(keys: str | list[str]) -> frozenset[int]:

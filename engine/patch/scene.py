@@ -104,6 +104,9 @@ class Scene(SceneTables):
         Traceback (most recent call last):
         ValueError: the patch has no keys to tune; an instrument has a [keyboard]
         """
+        if self.rig is not None:
+            tuned = self.rig.replace_scenes([m.scene.with_tuning(scale, keyboard_map) for m in self.rig.members])
+            return join_scenes(tuned, [member.scene for member in tuned.members])
         if self._document is None:
             raise ValueError("the patch has no keys to tune; an instrument has a [keyboard]")
         keyboard = self._document["keyboard"]

@@ -1,6 +1,7 @@
 """A patch in C: its samples are those of the engine, with nothing but a C compiler and the C library."""
 
 import math
+import random
 import re
 import shutil
 import subprocess
@@ -15,6 +16,7 @@ from engine.cli.main import main
 from engine.compiler.targets import fitting_targets, target_named
 from engine.export.c_library import export_c
 from engine.export.faults import CannotExport
+from engine.export.row_recorder import player_of_scene, sliders_of_player
 from engine.export.scene_bytes import SceneBytes
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import Note
@@ -119,6 +121,43 @@ def test_a_pluck_in_c_is_that_of_live_sound(library):
     audio, results = library("guitar_frets").play("0 play 3000", f"0 strike {pad} 0.7", "0 play 3000")
     assert set(results) == {DONE}
     np.testing.assert_array_equal(audio, np.concatenate([first, played(player, 3000)]))
+
+
+@pytest.mark.hard
+@needs_compiler
+@pytest.mark.parametrize("name", ["piano_c4", "snare_wires", "guitar_frets", "bowed_violin"])
+def test_a_slider_in_c_sets_what_live_sound_sets(name, library):
+    """Any value, to the last bit, though contacts amplify each rounding; a height of frets, and a bow, too."""
+    rng, scene = random.Random(name), engine.load(name)
+    player = Player(scene, seconds=math.inf, kernel="general")
+    sliders = sliders_of_player(player_of_scene(scene, 44_100, "general"))
+    lines, expected = list[str](), list[np.ndarray]()
+    for _ in range(12):
+        number = rng.randrange(len(sliders))
+        slider = sliders[number]
+        nearby = (max(slider.low, 0.5 * slider.value), min(slider.high, 2.0 * slider.value))
+        value = rng.uniform(*(nearby if slider.value > 0.0 else (slider.low, slider.high)))
+        player.set(slider.path, value)
+        lines += [f"0 set {number} {value!r}", "0 play 700"]
+        expected.append(played(player, 700))
+    audio, results = library(name).play(*lines)
+    assert set(results) == {DONE} and np.abs(audio).max() > 0.0
+    np.testing.assert_array_equal(audio, np.concatenate(expected))
+
+
+@pytest.mark.hard
+@needs_compiler
+@pytest.mark.parametrize("first", [1, 63, 129, 505])
+@pytest.mark.parametrize("name", INSTRUMENTS)
+def test_the_first_key_in_c_may_come_at_any_frame(name, first, library):
+    player = Player(live_scene(engine.load(name)), 44_100, math.inf, waiting=True, kernel="general")
+    keys = KeyAllocator(player)
+    silent = played(player, first)
+    keys.play(Note(0.0, "on", 60, 64))
+    expected = np.concatenate([silent, played(player, 3000)])
+    audio, results = library(name).play("0 skip", f"0 play {first}", "0 on 60 64", "0 play 3000")
+    assert set(results) == {DONE} and np.abs(audio).max() > 0.0
+    np.testing.assert_array_equal(audio, expected)
 
 
 @pytest.mark.hard

@@ -2,12 +2,14 @@
 
 import json
 import math
+import random
 
 import numpy as np
 import pytest
 
 import engine
 from engine.export.faults import CannotExport
+from engine.export.row_recorder import player_of_scene, sliders_of_player
 from engine.export.voice_keys import bodies_of_notes, lowest_ratio, numbers_of_keys
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi_notes import Note
@@ -327,3 +329,20 @@ def test_sliders_of_a_page_exchange_the_tables_that_live_sound_would(name, order
     np.testing.assert_array_equal(audio, expected)
     assert np.abs(audio).max() > 0.01
     assert 0.0 < meter["error"] < 1e-11
+
+
+@pytest.mark.hard
+@needs_browser
+@pytest.mark.parametrize("name", ["snare_wires", "guitar_frets"])
+def test_the_sliders_of_a_page_have_the_values_of_live_sound(name, tmp_path):
+    """Of any number, to the last bit, as contacts amplify each rounding."""
+    scene, rng = engine.load(name), random.Random(name)
+    engine.export_page(scene).save(tmp_path / "page.html")
+    sliders = sliders_of_player(player_of_scene(scene, 44_100, "general"))
+    values = [[slider.low + rng.random() * (slider.high - slider.low) for _ in range(20)] for slider in sliders]
+    wanted = [[slider.law.row_value(value) for value in some] for slider, some in zip(sliders, values, strict=True)]
+    with Browser(tmp_path / "browser") as browser:
+        browser.open(tmp_path / "page.html")
+        asked = f"{json.dumps(values)}.map((some, n) => some.map(x => sliderRows(fdh.data.sliders[n], x)[0][6]))"
+        assert browser.ask(asked) == wanted
+    assert len(sliders) > 0

@@ -288,6 +288,14 @@ def test_a_tuning_that_cannot_be_used_is_refused(tmp_path, keyboard, message):
         engine.load(tmp_path / "p.json")
 
 
+def test_the_parts_of_a_rig_are_tuned(tmp_path):
+    (tmp_path / "bars.json").write_text(json.dumps(OSCILLATORS))
+    (tmp_path / "rig.toml").write_text('[[part]]\npatch = "bars.json"\n[[part]]\npatch = "bars.json"\n')
+    scene = engine.load(tmp_path / "rig.toml").with_tuning(saved(tmp_path, "a.scl", MEANTONE))
+    wanted = frequencies_of_keys(read_scale(MEANTONE), map_from_middle_c(440.0), 440.0)
+    assert [body.frequency for body in scene.body] == [wanted[60], wanted[61]] * 2 and scene.rig is not None
+
+
 def test_options_give_any_instrument_a_tuning(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     saved(tmp_path, "a.scl", MEANTONE)

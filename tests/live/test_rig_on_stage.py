@@ -15,7 +15,9 @@ import soundfile
 from conftest import needs_portaudio
 from test_drivers import jack, needs_jack, start  # noqa: F401
 
+import engine
 from engine.instrument.key_names import note_frequency
+from engine.live.instrument_notes import scene_of_file
 from tests.live.test_rigs import saved_rig
 
 RATE = 44_100
@@ -66,7 +68,9 @@ def test_parts_programs_and_tunings_are_heard_on_stage(tmp_path, jack):  # noqa:
     while not (tmp_path / "stage.port").exists():
         assert source.poll() is None
         time.sleep(0.05)
-    words = [str(rig), "--midi", "stage", "--record", str(take), "--event-log", str(log), "--ignore-speed"]
+    notes = tmp_path / "take.mid"
+    words = [str(rig), "--midi", "stage", "--record", str(take), "--record", str(notes), "--event-log", str(log)]
+    words += ["--ignore-speed"]
     program = start(environment, "play", *words, "--device", "JACK Audio", "--block-size", "256")
     try:
         source.stdin.write("go\n")
@@ -81,6 +85,12 @@ def test_parts_programs_and_tunings_are_heard_on_stage(tmp_path, jack):  # noqa:
     events = [e for e in json.loads(log.read_text())["events"] if e["why"][0] == "pluck"]
     played = [event["why"][1] for event in events]
     assert played == ["first__C4_bar", "second__D4_bar", "third__C6_bar", "second__E4_bar", "first__F4_bar"]
+    recorded = scene_of_file(engine.load(rig), notes).scene
+    plucks = sorted((event for event in recorded.event if event.kind == "pluck"), key=lambda event: event.time)
+    assert [event.body for event in plucks] == played  # the notes that were recorded, with their programs
+    frames = [max(event["frame"], int(event["row"][4])) for event in events]
+    apart = [one.time - plucks[0].time - (frame - frames[0]) / RATE for one, frame in zip(plucks, frames, strict=True)]
+    assert max(map(abs, apart)) < 0.01
     audio = soundfile.read(take)[0][:, 0]
     wanted = [note_frequency(60), note_frequency(62), note_frequency(84), note_frequency(64.5), note_frequency(65)]
     for event, frequency in zip(events, wanted, strict=True):

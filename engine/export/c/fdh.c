@@ -20,8 +20,9 @@ typedef struct {
     rows on[FDH_LEVELS], off[FDH_LEVELS], damp, lift, steal;
 } key;
 typedef struct {
-    int64_t at_zero, at_one, count; /* rows for a value of 0 and of 1: others lie on a line through these */
+    int64_t at_zero, at_one, count; /* of a pad, rows for a size of 0 and of 1: others lie on a line through these */
     double low, high;
+    double shift, part, unit, compliance, most; /* of a slider, the law of the values of its rows */
 } control;
 
 extern const row fdh_rows[];
@@ -106,10 +107,9 @@ int fdh_samplerate(void) { return FDH_SAMPLERATE; }
 
 int64_t fdh_length(void) { return FDH_LENGTH; }
 
-/* The keys of an instrument rest until the first of them is pressed. */
+/* Keys run from the beginning, so that their frames are those of live sound; at rest they cost next to nothing. */
 static int sounds(const fdh *patch, int part) {
-    if (part > 0) return __atomic_load_n(counter(patch, part, FDH_WRITE_INDEX), __ATOMIC_ACQUIRE) > 0;
-    return !__atomic_load_n(&patch->skips_score, __ATOMIC_RELAXED);
+    return part > 0 || !__atomic_load_n(&patch->skips_score, __ATOMIC_RELAXED);
 }
 
 void fdh_process(fdh *patch, double *out, int frames) {
@@ -185,19 +185,33 @@ static int send(const message *sent) {
     return FDH_DONE;
 }
 
-static int move(fdh *patch, const control *moved, double value) {
-    if (!(value >= moved->low && value <= moved->high)) return FDH_OUT_OF_RANGE;
+int fdh_strike(fdh *patch, int pad, double size) {
+    if (pad < 0 || pad >= FDH_PADS) return FDH_UNKNOWN;
+    const control *moved = fdh_controls + pad;
+    if (!(size >= moved->low && size <= moved->high)) return FDH_OUT_OF_RANGE;
     message sent = begin_message(patch);
-    add(&sent, fdh_rows + moved->at_zero, fdh_rows + moved->at_one, moved->count, value);
+    add(&sent, fdh_rows + moved->at_zero, fdh_rows + moved->at_one, moved->count, size);
     return send(&sent);
 }
 
-int fdh_strike(fdh *patch, int pad, double size) {
-    return pad < 0 || pad >= FDH_PADS ? FDH_UNKNOWN : move(patch, fdh_controls + pad, size);
+/* The value of the rows of a slider, with the roundings of live sound. */
+static double value_of_rows(const control *moved, double value) {
+    if (moved->compliance == 0.0) return (value - moved->shift) / moved->part / moved->unit;
+    volatile double share = value * moved->compliance; /* no compiler fuses it with what follows */
+    return value / (1.0 - (share < moved->most ? share : moved->most));
 }
 
 int fdh_set(fdh *patch, int slider, double value) {
-    return slider < 0 || slider >= FDH_SLIDERS ? FDH_UNKNOWN : move(patch, fdh_controls + FDH_PADS + slider, value);
+    if (slider < 0 || slider >= FDH_SLIDERS) return FDH_UNKNOWN;
+    const control *moved = fdh_controls + FDH_PADS + slider;
+    if (!(value >= moved->low && value <= moved->high)) return FDH_OUT_OF_RANGE;
+    message sent = begin_message(patch);
+    for (int64_t i = 0; i < moved->count; i++) {
+        row set = fdh_rows[moved->at_zero + i];
+        set.value[0] = value_of_rows(moved, value);
+        add(&sent, &set, &set, 1, 0.0);
+    }
+    return send(&sent);
 }
 
 /* --- keys */

@@ -7,8 +7,13 @@ const scaled = (pad, share) => pad.rows.map(row => {
   return changed;
 });
 
-const sliderRows = (slider, value) => slider.rows.map((row, i) => row.map((x, j) =>
-  j < 6 ? x : x + value * (slider.rows_at_one[i][j] - x)));
+// The value of the rows of a slider, with the roundings of live sound (engine.export.row_recorder.Law).
+function valueOfRows([shift, part, unit, compliance, most], value) {
+  return compliance ? value / (1 - Math.min(value * compliance, most)) : (value - shift) / part / unit;
+}
+
+const sliderRows = (slider, value) => slider.rows.map(row =>
+  row.map((x, j) => j === 6 ? valueOfRows(slider.law, value) : x));
 
 function makePads() {
   data.pads.forEach((pad, n) => {

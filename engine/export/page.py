@@ -127,6 +127,7 @@ def make_page(
         "samplerate": samplerate,
         "channels": player.channels,
         "gain": find_gain(),
+        "score_seconds": scene.seconds,
         "coarsest": len(player.memory.models) + len(player.state.sleep) - 2,
         "at": places_of_player(laid_out, player),
         "names": names_of_numbers(),

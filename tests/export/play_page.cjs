@@ -25,6 +25,8 @@ globalThis.document = { getElementById: id => elements[id] ||= nothing(), create
 Object.defineProperty(globalThis, "navigator", { value: {} });
 globalThis.addEventListener = () => {};
 globalThis.location = { hash };
+globalThis.isSecureContext = true;
+globalThis.matchMedia = () => ({ matches: false });
 globalThis.AudioContext = class {};
 globalThis.AudioWorkletProcessor = class { port = { postMessage: () => {} }; };
 let Processor;

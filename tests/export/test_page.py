@@ -191,8 +191,8 @@ def test_a_page_is_played_by_mouse_and_by_keyboard(tmp_path):
                 browser.emulate(width, 900, is_dark)
                 assert browser.ask("document.documentElement.scrollWidth <= innerWidth")
                 assert browser.picture()[:4] == b"\x89PNG"
-            key = "z" if name == "marimba_keys" else "1"
-            pressed = f"document.dispatchEvent(new KeyboardEvent('keydown', {{ key: '{key}', bubbles: true }}))"
+            key = "KeyZ" if name == "marimba_keys" else "Digit1"
+            pressed = f"document.dispatchEvent(new KeyboardEvent('keydown', {{ code: '{key}', bubbles: true }}))"
             browser.ask(pressed.replace("document.dispatch", "document.body.dispatch"))
             browser.ask(WAIT_FOR_LEVEL)
             assert browser.ask("document.getElementById('fault').textContent") == ""

@@ -30,10 +30,16 @@ function makePads() {
       button.classList.add("down");
       setTimeout(() => button.classList.remove("down"), 150);
     };
-    button.onpointerdown = event => strike(2 * velocityOf(event) / 127);
-    button.onkeydown = event => { if ([" ", "Enter"].includes(event.key) && !event.repeat) strike(1); };
+    button.onpointerdown = event => { if (!event.button) strike(2 * velocityOf(event) / 127); };
+    button.onkeydown = event => {
+      if (!isPress(event)) return;
+      event.preventDefault(); // no click follows
+      if (!event.repeat) strike(1);
+    };
+    button.onkeyup = event => { if (isPress(event)) event.preventDefault(); };
+    button.onclick = event => { if (!event.detail) strike(1); }; // of a screen reader, or a voice
     if (n < 9) document.addEventListener("keydown", event => {
-      if (event.key === String(n + 1) && !event.repeat && !event.target.matches("input")) strike(1);
+      if (event.code === `Digit${n + 1}` && !event.repeat && !isTyped(event)) strike(1);
     });
     $("pads").append(button);
   });
@@ -57,7 +63,7 @@ function addSlider(path, unit, limits, valueOf, rowsOf) {
   const move = place => {
     put(place);
     slider.isMoved = true;
-    send({ rows: slider.rows() });
+    if (playing) send({ rows: slider.rows() });
   };
   const slider = { put, move, rows: () => rowsOf(+input.value), place: () => +input.value, isMoved: false };
   input.oninput = () => move(input.value);

@@ -102,6 +102,7 @@ function movePedal(pedal, value) {
 
 // All keys and pedals come up; nothing is sent.
 function letAllUp() {
+  held.clear();
   down.forEach(key => mark(key, false));
   down.clear();
   kept.clear();
@@ -126,22 +127,96 @@ function makePedals() {
   for (const pedal in pedals) $(pedal).onclick = () => movePedal(pedal, isDown(pedal) ? 0 : 127);
   $("depth").oninput = () => movePedal("sustain", +$("depth").value);
   if (!hasDampers) return;
-  document.addEventListener("keydown", event => { if (event.key === "Shift" && !event.repeat) movePedal("sustain", 127); });
-  document.addEventListener("keyup", event => { if (event.key === "Shift") movePedal("sustain", 0); });
+  document.addEventListener("keydown", event => {
+    if (event.key !== "Shift" || event.repeat) return;
+    isShiftDown = true;
+    movePedal("sustain", 127);
+  });
+  document.addEventListener("keyup", event => {
+    if (event.key !== "Shift" || !isShiftDown) return;
+    isShiftDown = false;
+    movePedal("sustain", 0);
+  });
   $("hint").textContent += " Shift is the pedal.";
 }
 
+// --- what holds keys: a finger, a key of the computer, a cable; each lets go of what it has pressed, wherever that ends
+
+const held = new Map(); // by what holds it: the key
+
+function hold(source, key, velocity) {
+  if (held.has(source)) return;
+  held.set(source, key);
+  press(key, velocity);
+}
+
+function letGoOf(source) {
+  const key = held.get(source);
+  if (!held.delete(source)) return;
+  release(key);
+}
+
+function letGoOfAll(kind) {
+  for (const source of [...held.keys()]) if (source.startsWith(kind)) letGoOf(source);
+}
+
 const elements = new Map();
-const mark = (key, isDown) => elements.get(key)?.classList.toggle("down", isDown);
+
+function mark(key, isDown) {
+  elements.get(key)?.classList.toggle("down", isDown);
+  elements.get(key)?.setAttribute("aria-pressed", isDown);
+}
 
 // How far up a button was touched, as a velocity of MIDI: the lower, the louder, as on a key.
-function velocityOf(event) {
-  const box = event.currentTarget.getBoundingClientRect();
+function velocityOf(event, button = event.currentTarget) {
+  const box = button.getBoundingClientRect();
   return Math.round(20 + 107 * Math.min(1, Math.max(0, (event.clientY - box.top) / box.height)));
 }
 
+const isTyped = event => event.target.matches?.("input:not([type=range]), textarea, select");
+const isPress = event => [" ", "Enter"].includes(event.key);
+const hardness = () => +$("hardness").value;
+
+// A finger or the mouse, which may be drawn over several keys.
+function listenToFingers(box, keyOf) {
+  const touch = event => {
+    const button = document.elementFromPoint(event.clientX, event.clientY)?.closest?.(".keys button");
+    const key = button && keyOf.get(button), source = `finger ${event.pointerId}`;
+    if (held.get(source) === key) return;
+    letGoOf(source);
+    if (key) hold(source, key, velocityOf(event, button));
+  };
+  box.onpointerdown = event => {
+    if (event.button) return;
+    box.setPointerCapture(event.pointerId);
+    touch(event);
+  };
+  box.onpointermove = event => { if (box.hasPointerCapture(event.pointerId)) touch(event); };
+  box.onpointerup = box.onpointercancel = box.onlostpointercapture = event => letGoOf(`finger ${event.pointerId}`);
+}
+
+// Keys of the computer by their places, whatever is written on them.
+function listenToComputerKeys(keyAt) {
+  document.addEventListener("keydown", event => {
+    if (event.repeat || event.ctrlKey || event.metaKey || event.altKey || isTyped(event)) return;
+    const key = keyAt(COMPUTER_KEYS.indexOf(event.code));
+    if (key) hold(`code ${event.code}`, key, hardness());
+  });
+  document.addEventListener("keyup", event => letGoOf(`code ${event.code}`));
+  const leave = () => { // what is let go elsewhere is not heard of here
+    letGoOfAll("code ");
+    letGoOfAll("finger ");
+    if (isShiftDown) movePedal("sustain", 0);
+    isShiftDown = false;
+  };
+  window.addEventListener("blur", leave);
+  document.addEventListener("visibilitychange", () => { if (document.hidden) leave(); });
+}
+
+let isShiftDown = false; // which is a pedal
+
 function makeKeyboard() {
-  const box = document.createElement("div"), { keys } = data;
+  const box = document.createElement("div"), { keys } = data, keyOf = new Map();
   const isChromatic = keys.length > 1 && keys.every((key, i) => key.number === keys[0].number + i);
   box.className = "keys";
   for (const key of keys) {
@@ -149,38 +224,65 @@ function makeKeyboard() {
     button.className = !isChromatic ? "plain" : isBlack ? "black" : "white";
     button.textContent = !isChromatic || key.number % 12 === 0 ? key.name : "";
     button.setAttribute("aria-label", key.name);
-    button.onpointerdown = event => {
-      button.setPointerCapture(event.pointerId);
-      press(key, velocityOf(event));
+    button.setAttribute("aria-pressed", "false");
+    button.tabIndex = -1;
+    button.onkeydown = event => {
+      if (!isPress(event)) return;
+      event.preventDefault(); // no click follows
+      if (!event.repeat) hold(`code ${event.code}`, key, hardness());
     };
-    button.onpointerup = button.onpointercancel = () => release(key);
-    button.onkeydown = event => { if ([" ", "Enter"].includes(event.key) && !event.repeat) press(key, 80); };
-    button.onkeyup = event => { if ([" ", "Enter"].includes(event.key)) release(key); };
+    button.onkeyup = event => { if (isPress(event)) event.preventDefault(); };
+    button.onclick = event => { // of a screen reader, or a voice: there is no finger
+      if (event.detail) return;
+      hold(`click ${key.number}`, key, hardness());
+      setTimeout(() => letGoOf(`click ${key.number}`), 400);
+    };
     elements.set(key, button);
+    keyOf.set(button, key);
     box.append(button);
   }
   $("keyboard").append(box);
-  $("keyboard").hidden = false;
+  $("keyboard").hidden = $("octaves").hidden = false;
   const middle = keys.reduce((a, b) => Math.abs(b.number - 60) < Math.abs(a.number - 60) ? b : a);
-  const button = elements.get(middle);
-  $("keyboard").scrollLeft = button.offsetLeft - $("keyboard").clientWidth / 2;
-  const first = keys.findIndex(key => key.number >= 48 && key.number % 12 === 0);
-  const offset = Math.max(0, first);
-  const keyOf = event => event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input") ? undefined
-    : keys[offset + COMPUTER_KEYS.indexOf(event.key.toLowerCase())];
-  const played = event => COMPUTER_KEYS.includes(event.key.toLowerCase()) && event.key.length === 1;
-  document.addEventListener("keydown", event => {
-    const key = played(event) ? keyOf(event) : undefined;
-    if (key && !event.repeat) press(key, 80);
-  });
-  document.addEventListener("keyup", event => {
-    const key = played(event) ? keyOf(event) : undefined;
-    if (key) release(key);
-  });
-  window.addEventListener("blur", () => [...down].forEach(key => { // no key is left hanging
-    presses.set(key, 1);
-    release(key);
-  }));
-  $("hint").textContent = "Lower on a key is louder. The computer's keys Z to M and Q to P play too.";
+  elements.get(middle).tabIndex = 0; // one stop of Tab; arrows go on from there
+  box.onkeydown = event => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key], buttons = [...box.children];
+    const next = step && buttons[buttons.indexOf(document.activeElement) + step];
+    if (!next) return;
+    buttons.forEach(button => { button.tabIndex = button === next ? 0 : -1; });
+    next.focus();
+    event.preventDefault();
+  };
+  const octave = isChromatic ? 12 : 7;
+  let first = Math.max(0, keys.findIndex(key => key.number >= 48 && key.number % 12 === 0));
+  const show = () => {
+    const letters = [...box.querySelectorAll("[data-letter]")];
+    letters.forEach(button => button.removeAttribute("data-letter"));
+    COMPUTER_KEYS.forEach((code, n) => {
+      if (keys[first + n]) elements.get(keys[first + n]).dataset.letter = letterOf(code);
+    });
+    $("lower").disabled = first - octave < 0;
+    $("higher").disabled = first + octave >= keys.length;
+  };
+  const shift = step => {
+    letGoOfAll("code ");
+    first = Math.min(keys.length - 1, Math.max(0, first + step));
+    $("keyboard").scrollTo({ left: elements.get(keys[first]).offsetLeft - 8, behavior: CALM ? "auto" : "smooth" });
+    show();
+  };
+  $("lower").onclick = () => shift(-octave);
+  $("higher").onclick = () => shift(octave);
+  $("keyboard").scrollLeft = elements.get(middle).offsetLeft - $("keyboard").clientWidth / 2;
+  listenToFingers(box, keyOf);
+  listenToComputerKeys(n => n < 0 ? undefined : keys[first + n]);
+  show();
+  navigator.keyboard?.getLayoutMap?.().then(map => { // what this computer has written there
+    layout = map;
+    show();
+  }, () => {});
+  $("hint").textContent = "Lower on a key is louder. The computer's keys play too, by their places: two rows each of keys.";
   makePedals();
 }
+
+let layout = new Map();
+const letterOf = code => (layout.get(code) || code.replace(/^(Key|Digit)/, "")).toUpperCase();

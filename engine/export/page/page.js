@@ -2,11 +2,16 @@
 const $ = id => document.getElementById(id);
 const data = JSON.parse($("data").textContent);
 const WORKLET = JSON.parse($("worklet").textContent).source;
-const COMPUTER_KEYS = "zsxdcvgbhnjmq2w3er5t6y7ui9o0p"; // two octaves and a half, as on many synthesisers
+// Two octaves and a half, as on many synthesisers: places on a keyboard, as events name them.
+const COMPUTER_KEYS = [..."ZSXDCVGBHNJMQ2W3ER5T6Y7UI9O0P"].map(c => (c < "A" ? "Digit" : "Key") + c);
+const CALM = matchMedia("(prefers-reduced-motion: reduce)").matches;
 const FUSED = "AGFzbQEAAAABBQFgAAF7AwIBAAoTAREAQQD9D0EA/Q9BAP0P/YcCCw=="; // a module with a fused multiply-add
 const SIMD = "AGFzbQEAAAABBQFgAAF7AwIBAAoPAQ0AQQD9D0EA/Q/98gEL"; // a module with a product of pairs
 
 // --- faults, in plain sentences
+
+document.addEventListener("securitypolicyviolation", ({ effectiveDirective }) =>
+  say(`This site's Content-Security-Policy forbids what the page needs (${effectiveDirective}).`));
 
 function say(text) {
   $("fault").textContent = text;
@@ -16,6 +21,8 @@ function say(text) {
 const bytesOf = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
 
 function missing() {
+  if (!window.isSecureContext)
+    return "A browser lets no page compute sound that came over plain http. Put this one behind https, or open the file.";
   if (!window.WebAssembly || !window.AudioWorkletNode || !window.DecompressionStream)
     return "This browser has no WebAssembly or no AudioWorklet. A recent Chrome, Edge, Firefox or Safari plays this page.";
   if (!WebAssembly.validate(bytesOf(SIMD)))
@@ -81,7 +88,7 @@ async function makeNode(context, messages) {
   });
 }
 
-let playing, context, analyser;
+let playing, context, analyser, fader;
 async function begin() {
   const reason = missing();
   if (reason) throw new Error(reason);
@@ -92,9 +99,10 @@ async function begin() {
   }
   resume();
   if (navigator.audioSession) navigator.audioSession.type = "playback"; // an iPhone's switch would silence it otherwise
-  const node = await makeNode(context, [{ gain: gain() }]);
+  const node = await makeNode(context, [{ gain: gain() }, { rows: movedRows() }]);
   analyser = new AnalyserNode(context, { fftSize: 4096, smoothingTimeConstant: 0.6 });
-  node.connect(analyser).connect(context.destination);
+  fader = new GainNode(context);
+  node.connect(fader).connect(analyser).connect(context.destination);
   node.port.onmessage = ({ data: message }) => message.recorded ? keep(message.recorded) : show(message);
   node.onprocessorerror = () => say("The sound has stopped because of an error. Load the page again.");
   requestAnimationFrame(draw);
@@ -103,7 +111,7 @@ async function begin() {
 
 // Phones let sound begin when a finger leaves the screen, not when it touches it.
 function resume() {
-  if (context && context.state !== "running") context.resume().catch(() => {}); // the next touch asks again
+  if (context && !isStopped && context.state !== "running") context.resume().catch(() => {}); // the next touch asks again
 }
 for (const kind of ["pointerup", "touchend", "click", "keydown"]) document.addEventListener(kind, resume);
 
@@ -111,10 +119,13 @@ async function send(message) {
   try {
     playing ||= begin();
     const node = await playing;
+    if (isStopped) wake(node);
     resume();
     node.port.postMessage(message);
   } catch (error) {
     playing = undefined;
+    context?.close().catch(() => {});
+    context = undefined;
     say(error.message);
   }
 }
@@ -139,6 +150,12 @@ function show(m) {
   $("iterations").textContent = m.iterations ? decimals(m.iterations, 2) : "none";
   if (m.force > 0) $("force").textContent = `${decimals(m.force, 3)} N`;
   $("awake").textContent = `${m.awake} of ${data.at.islands}`;
+  if (isRecording) $("record").textContent = `Stop and save ${(m.seconds - recordedFrom).toFixed(0)} s`;
+  now = m.seconds;
+  if (isScore && m.level === 0 && m.seconds > data.score_seconds) {
+    isScore = false;
+    showPlay();
+  }
   if (m.silenced) say(`${m.silenced} samples were not finite, and are silent. Play again to start anew.`);
 }
 
@@ -178,21 +195,61 @@ function draw() {
 
 // --- buttons
 
-$("play").onclick = () => {
-  if (playing) send({ reset: true });
+// Sliders stay where they are when the sound begins anew.
+const movedRows = () => sliders.filter(slider => slider.isMoved).flatMap(slider => slider.rows());
+const FADE_SECONDS = 0.05;
+let isStopped = false, isScore = false; // whether the sound was stopped, and whether the score plays
+
+function showPlay() {
+  $("play").textContent = isScore ? "Stop" : "Play";
+}
+
+function play() {
+  if (playing) send({ reset: true, rows: movedRows() });
   letAllUp();
-  send({ rows: sliders.filter(slider => slider.isMoved).flatMap(slider => slider.rows()) }); // they stay where they are
   send({ song: data.song || [] });
+  isScore = true;
+  showPlay();
+}
+
+// Fade out, and rest until a key or Play asks for sound: what a bow does has no end of its own.
+async function stop() {
+  isScore = false;
+  letAllUp();
+  showPlay();
+  if (!playing) return;
+  await playing;
+  isStopped = true;
+  fader.gain.setTargetAtTime(0, context.currentTime, FADE_SECONDS / 4);
+  setTimeout(() => { if (isStopped) context.suspend().catch(() => {}); }, 2000 * FADE_SECONDS);
+}
+
+// The sound begins anew after a stop, from rest.
+function wake(node) {
+  isStopped = false;
+  fader.gain.cancelScheduledValues(0);
+  fader.gain.value = 1;
+  node.port.postMessage({ reset: true, rows: movedRows() });
+}
+
+$("play").onclick = () => isScore ? stop() : play();
+$("damp").onclick = () => { // before anything sounds there is nothing to damp
+  if (playing && !isStopped) send({ rows: data.damp.length ? data.damp : data.keys.flatMap(end) });
 };
-$("damp").onclick = () => send({ rows: data.damp.length ? data.damp : data.keys.flatMap(end) });
 $("copy").onclick = async () => {
-  await navigator.clipboard.writeText($("text").textContent);
-  $("copy").textContent = "Copied";
+  try {
+    await navigator.clipboard.writeText($("text").textContent);
+    $("copy").textContent = "Copied";
+  } catch {
+    getSelection().selectAllChildren($("text"));
+    $("copy").textContent = "Selected: copy it with the browser's menu";
+  }
 };
 
-let isRecording = false;
+let isRecording = false, recordedFrom = 0, now = 0; // s
 $("record").onclick = () => {
   isRecording = !isRecording;
+  recordedFrom = now;
   $("record").setAttribute("aria-pressed", isRecording);
   $("record").textContent = isRecording ? "Stop and save" : "Record";
   send(isRecording ? { record: true } : { keep: true });
@@ -221,8 +278,11 @@ function keep(blocks) {
 async function useMidi() {
   try {
     const access = await navigator.requestMIDIAccess();
-    const listen = () => access.inputs.forEach(input => { input.onmidimessage = hear; });
-    access.onstatechange = listen;
+    const listen = () => access.inputs.forEach(input => { input.onmidimessage = event => hear(event, input.id); });
+    access.onstatechange = ({ port }) => {
+      if (port.type === "input" && port.state === "disconnected") letGoOfInput(port.id);
+      listen();
+    };
     listen();
     say(access.inputs.size ? "" : "No MIDI keyboard is connected; one that you plug in is heard.");
   } catch {
@@ -230,12 +290,31 @@ async function useMidi() {
   }
 }
 
-function hear({ data: [status, number, value] }) {
-  const kind = status & 0xf0, key = data.keys.find(one => one.number === number);
-  if (kind === 0x90 && value > 0 && key) press(key, value);
-  else if ((kind === 0x80 || kind === 0x90) && key) release(key);
-  else if (kind === 0xe0) bend((number + 128 * value) / 8192 - 1);
+const heldByMidi = []; // presses of keys that have not been let go: [input, channel, key]
+const NOTES_OFF = 120; // controllers from here on end notes or change modes, which ends them, too; 121 and 122 do not
+
+function hear({ data: [status, number, value] }, input = "") {
+  const kind = status & 0xf0, channel = status & 0x0f, key = data.keys.find(one => one.number === number);
+  if (kind === 0x90 && value > 0 && key) {
+    heldByMidi.push([input, channel, key]);
+    press(key, value);
+  } else if ((kind === 0x80 || kind === 0x90) && key) {
+    const n = heldByMidi.findIndex(([from, on, one]) => from === input && on === channel && one === key);
+    if (n >= 0) heldByMidi.splice(n, 1);
+    release(key);
+  } else if (kind === 0xe0) bend((number + 128 * value) / 8192 - 1);
   else if (kind === 0xb0 && number in data.pedals) movePedal(data.pedals[number], value);
+  else if (kind === 0xb0 && number >= NOTES_OFF && number !== 121 && number !== 122) letGoOfInput(input, channel);
+}
+
+// Let go of what an input has pressed, on one channel or on all.
+function letGoOfInput(input, channel) {
+  for (let n = heldByMidi.length; n--;) {
+    const [from, on, key] = heldByMidi[n];
+    if (from !== input || (channel !== undefined && on !== channel)) continue;
+    heldByMidi.splice(n, 1);
+    release(key);
+  }
 }
 
 $("midi").onclick = useMidi;

@@ -15,7 +15,7 @@ from engine.cli.option_checks import (
 )
 from engine.cli.tuning_options import add_tuning_options, read_tuned_patch
 from engine.faults import Fault
-from engine.live.midi_files import is_midi_file
+from engine.live.midi_files import MIDI_ENDINGS, is_midi_file
 from engine.live.osc import parse_address
 from engine.output_files import check_audio_format, error_reason
 
@@ -85,7 +85,8 @@ def live_command(args: argparse.Namespace) -> int:
 
 def read_recordings(args: argparse.Namespace) -> list[Fault]:
     """Divide the names of recordings into those of the sound and of the notes, in place; list their faults."""
-    files = {is_notes: [name for name in args.record if is_midi_file(name) == is_notes] for is_notes in (False, True)}
+    ends = {name: Path(name).suffix.lower() in MIDI_ENDINGS for name in args.record}
+    files = {is_notes: [name for name in args.record if ends[name] == is_notes] for is_notes in (False, True)}
     faults = [
         Fault("--record", f"{names[0]} and {names[1]} are both given; give one sound file, and one .mid")
         for names in files.values()

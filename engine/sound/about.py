@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from xml.sax.saxutils import escape
 
+from engine.output_files import to_utf8_text
 from engine.provenance import ENGINE, version_of
 
 BEXT_VERSION = 1
@@ -46,7 +47,7 @@ class About:
     def tags(self) -> dict[str, str]:
         """The description as files other than WAV have it: by the names of soundfile."""
         comment = f"{self.comment[:MAX_COMMENT]}; kernel {self.kernel}" if self.kernel else self.comment[:MAX_COMMENT]
-        return {"title": self.title, "software": program(), "comment": comment}
+        return {"title": self.title, "software": program(), "comment": to_utf8_text(comment)}
 
 
 def program() -> str:

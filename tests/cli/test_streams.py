@@ -134,7 +134,8 @@ def test_slow_commands(folder, where):
         (folder / "asound.conf").write_text(f"<{ALSA}>\npcm.!default {{ type null }}\n")
         changes = {"ALSA_CONFIG_PATH": str(folder / "asound.conf"), "JACK_NO_START_SERVER": "1"}
     for words in SLOW:
-        shutil.rmtree(folder / "v", ignore_errors=True)
+        if words.startswith("sweep"):  # into a folder that is not there
+            shutil.rmtree(folder / "v", ignore_errors=True)
         tried(words, where, folder, changes)
     varied = () if where == "gone" else ("v/index.csv",)  # processes that share the work need a folder to be in
     for name in ("a.wav", "p.wav", "p.html", *varied):

@@ -91,6 +91,25 @@ class Browser:
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if is_dark else "light"}]
         self._call("Emulation.setEmulatedMedia", features=scheme)
 
+    def key(self, kind: str, code: str, key: str, modifiers: int = 0) -> None:
+        """Let a key of the computer go down or up. kind: keyDown | keyUp; modifiers: 1 Alt, 2 Ctrl, 4 Meta, 8 Shift"""
+        text = {"text": key} if kind == "keyDown" and len(key) == 1 and not modifiers & 7 else {}
+        self._call("Input.dispatchKeyEvent", type=kind, code=code, key=key, modifiers=modifiers, **text)
+
+    def mouse(self, kind: str, x: float, y: float, button: str = "left") -> None:
+        """Move the mouse, or its button. kind: mousePressed | mouseReleased | mouseMoved"""
+        held = 0 if kind == "mouseReleased" else {"left": 1, "right": 2}[button]
+        self._call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, buttons=held, clickCount=1)
+
+    def fingers(self, kind: str, *places: tuple[float, float]) -> None:
+        """Move fingers on the screen. kind: touchStart | touchMove | touchEnd; places: of all that touch it"""
+        points = [{"x": x, "y": y, "id": n} for n, (x, y) in enumerate(places)]
+        self._call("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+
+    def roles(self) -> list[dict[str, Any]]:
+        """Return the accessibility tree of the page, as a list."""
+        return list(self._call("Accessibility.getFullAXTree")["nodes"])
+
     def touch(self, selector: str) -> None:
         """Touch an element of the page with a finger for a while."""
         place = f"document.querySelector({json.dumps(selector)}).getBoundingClientRect()"

@@ -261,13 +261,13 @@ function makeKeyboard() {
     COMPUTER_KEYS.forEach((code, n) => {
       if (keys[first + n]) elements.get(keys[first + n]).dataset.letter = letterOf(code);
     });
-    $("lower").disabled = first - octave < 0;
+    $("lower").disabled = first <= 0;
     $("higher").disabled = first + octave >= keys.length;
   };
   const shift = step => {
     letGoOfAll("code ");
-    first = Math.min(keys.length - 1, Math.max(0, first + step));
-    $("keyboard").scrollTo({ left: elements.get(keys[first]).offsetLeft - 8, behavior: CALM ? "auto" : "smooth" });
+    first += step; // below 0 the first letters have no key, and Z stays a C
+    $("keyboard").scrollTo({ left: elements.get(keys[Math.max(0, first)]).offsetLeft - 8, behavior: CALM ? "auto" : "smooth" });
     show();
   };
   $("lower").onclick = () => shift(-octave);

@@ -139,10 +139,21 @@ def _events_of(scene: Scene, player: RowRecorder) -> tuple[EventTables, list[str
         tables.add_slider(slider)
     middle = min((key.number for key in keys), key=lambda number: abs(number - 60), default=0)
     numbers = {"KEYS": len(keys), "PADS": len(pads), "SLIDERS": len(sliders), "MIDDLE_KEY": middle}
+    numbers |= {
+        "EVENTS_OF_NOTE": max((_events_of_note(key) for key in keys), default=0),
+        "EVENTS_OF_STROKE": max((len(pad.rows) for pad in pads), default=0),
+        "EVENTS_OF_SETTING": max((len(slider.rows) for slider in sliders), default=0),
+    }
     first = {"FIRST_SIZE": (pads[0].size or 1.0) if pads else 0.0}
     gain = f"#define FDH_GAIN {scene.level_factor or 0.0!r} /* the level of the patch, a factor on samples; 0: none */"
     lines = [*_named_keys(keys), *_named_pads(pads), *_named_sliders(sliders), *_defined(numbers | first), gain]
     return tables, lines
+
+
+def _events_of_note(key: Key) -> int:
+    """Events of a key that is pressed, let go, and ended for another."""
+    ended = [len(key.damp[-1]), len(key.steal)]
+    return sum([*(max(len(rows) for rows in levels) for levels in (key.on, key.off)), *ended])
 
 
 def _named_keys(keys: list[Key]) -> list[str]:

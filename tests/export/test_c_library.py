@@ -245,6 +245,33 @@ def test_events_that_wait_for_no_sound_are_refused_at_some_time(library):
 
 @pytest.mark.hard
 @needs_compiler
+@pytest.mark.parametrize(
+    ("name", "event", "calls"),
+    [("marimba_keys", "NOTE", ("on {key} 64", "off {key}")), ("snare_wires", "STROKE", ("strike 0 1",)),
+     ("snare_wires", "SETTING", ("set 0 {low}",))],
+)  # fmt: skip
+def test_as_many_calls_have_room_as_the_header_says(library, name, event, calls):
+    one = library(name)
+    given = dict(re.findall(r"#define FDH_(\w+) (\S+)", (one.folder / "fdh_patch.h").read_text("utf-8")))
+    low = re.search(r"FDH_SLIDER_\w+ 0 /\* (\S+) to", (one.folder / "fdh_patch.h").read_text("utf-8"))
+    count = int(given["QUEUE"]) // int(given[f"EVENTS_OF_{event}"])
+    key = given["MIDDLE_KEY"]
+    lines = [f"0 {call.format(key=key, low=low and low[1])}" for call in calls] * count
+    _, results = one.play(*lines, "0 play 10")
+    assert results == [DONE] * (len(lines) + 1) and count > 30
+
+
+@pytest.mark.hard
+@needs_compiler
+def test_the_example_refuses_what_it_cannot_do(library, tmp_path):
+    one = library("piano_c4")
+    for words in (["foo"], ["-5"], ["12x"], [""], ["1", "2"], [str(tmp_path / "x.wave")]):
+        done = subprocess.run([one.folder / "main", *words], capture_output=True)
+        assert done.returncode == 1 and not done.stdout and b"give nothing, a number" in done.stderr, words
+
+
+@pytest.mark.hard
+@needs_compiler
 def test_the_example_writes_a_struck_note(library):
     for name in ("piano_c4", "marimba_keys"):
         one = library(name)

@@ -21,11 +21,12 @@ from tests.export.key_messages import (
     with_polyphony,
 )
 from tests.export.pages import data_of, heard, messages_of_midi, needs_browser, needs_fused_node, played_in_node
-from tests.export.test_c_library import DONE, Library, needs_compiler
+from tests.export.test_c_library import COMPILER, DONE, Library, needs_compiler
 from tests.export.tuned_scene import STOPPED_STRING
 from tests.live.two_ways import Message
 
 FRAMES = 160 * BLOCK
+SANITIZERS = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 INSTRUMENTS = ["vibraphone", "violin", "guitar", "kalimba_keys", "marimba_keys"]
 PAIRS = list(zip(INSTRUMENTS, KINDS, strict=True))
 COMPILED, COMPILED_LATER = ["guitar", "marimba_keys", "violin"], ["kalimba_keys", "vibraphone", "sitar", "toms"]
@@ -158,10 +159,10 @@ def test_chromium_plays_keys_as_live_sound_does(name, kind, tmp_path):
 # --- a library in C
 
 
-def assert_library_plays(library, scene, messages):
+def assert_library_plays(library, scene, messages, frames=FRAMES):
     """Assert that a library in C has the samples of live sound, to the last bit."""
-    expected = play_live(scene, messages, FRAMES).samples
-    audio, results = library.play(*lines_of(messages, FRAMES))
+    expected = play_live(scene, messages, frames).samples
+    audio, results = library.play(*lines_of(messages, frames))
     assert set(results) == {DONE}
     assert expected.any()
     assert np.count_nonzero(audio != expected) == 0
@@ -188,3 +189,20 @@ def test_a_library_in_c_plays_keys_that_change_something_later(tmp_path):
     for kind in KINDS:
         assert_library_plays(library, scene, draw_exported_messages(scene, kind, 0, FRAMES))
     assert_library_plays(library, scene, notes_that_the_pedal_keeps(60, 64, 67, 62))
+
+
+@pytest.mark.hard
+@needs_compiler
+@pytest.mark.parametrize("name", ["guitar", "marimba_keys"])
+def test_ten_seconds_of_keys_and_pedals_neither_err_in_memory_nor_differ(name, tmp_path):
+    """Under the sanitizers of addresses and of undefined behaviour, which end the program at the first fault."""
+    scene, frames = engine.load(name), 3445 * BLOCK
+    library = Library(scene, tmp_path, [COMPILER, *SANITIZERS])
+    messages = [
+        (begin + frame, kind, key, 127 * (value >= 64) if kind == "sustain" else value)
+        for seed, begin in enumerate(range(0, frames - FRAMES, FRAMES))
+        for frame, kind, key, value in draw_exported_messages(scene, ("pedals", *KINDS)[seed % 6], seed, FRAMES)
+        if kind not in ("sostenuto", "soft")  # of which a library has none
+    ]
+    assert any(kind == "sustain" for _, kind, _, _ in messages)
+    assert_library_plays(library, scene, messages, frames)

@@ -18,7 +18,9 @@ enum {
     FDH_DONE = 0,
     FDH_UNKNOWN = -1,      /* the patch has no such key, pad or slider */
     FDH_OUT_OF_RANGE = -2, /* the velocity or the value is not a number, too large or too small */
-    FDH_FULL = -3          /* too many events wait for fdh_process */
+    FDH_FULL = -3          /* its events have no room: FDH_QUEUE of them wait for fdh_process at most. fdh_patch.h says how
+                            * many a call makes: a note (on, off, and ended for another) FDH_EVENTS_OF_NOTE, a stroke
+                            * FDH_EVENTS_OF_STROKE, fdh_set FDH_EVENTS_OF_SETTING; the pedal those of all keys it ends */
 };
 
 /* Make the patch, at its first sample. Returns NULL if there is no memory. */

@@ -21,6 +21,7 @@ from engine.compiler.wasm_multiply_add import make_replaceable
 from engine.export.exchange_bytes import add_queued_exchanges
 from engine.export.faults import CannotExport
 from engine.export.key_tables import add_key_tables
+from engine.export.motion import motion_data
 from engine.export.player_bytes import (
     INSERT,
     INSERT_EVENT,
@@ -65,7 +66,7 @@ MAX_MEGABYTES = 400  # of a scene: browsers give pages some thousand
 MOST_EXCHANGES = RowRecorder.queue_size - 128  # of tables, by a score: they wait beside what is played
 PEDAL_NUMBERS: dict[str, Any] = {"pedals": PEDALS, "shares": SHARES, "pedal_down": PEDAL_DOWN}
 PAGE = "page"  # the folder of the template
-SCRIPTS = ("page.js", "keys.js", "voices.js", "controls.js", "start.js")  # of which the last begins
+SCRIPTS = ("page.js", "keys.js", "voices.js", "controls.js", "motion.js", "start.js")  # of which the last begins
 
 
 class PageSettings(NamedTuple):
@@ -133,7 +134,7 @@ def make_page(
         "names": names_of_numbers(),
         "functions": {RENDER: RENDER_BLOCK, INSERT: INSERT_EVENT},
     }
-    controls |= left_out | {"table_sliders": table_sliders, "bend": BEND}
+    controls |= left_out | {"table_sliders": table_sliders, "bend": BEND, "motion": motion_data(player.layout)}
     return compose({**data, "controls": _packed(_json(controls).encode())}, about or {})
 
 
@@ -142,10 +143,11 @@ def places_of_player(laid_out: SceneBytes, player: RowRecorder) -> dict[str, int
     state = player.state
     arrays = arrays_of_player(player.memory)
     arrays |= {"sleep": state.sleep, "iterations": state.iteration_histogram, "force": state.contact_force}
+    arrays |= {"q": state.q, "p": state.p, "flight": state.flight.frame}
     counts = {"queue": len(arrays["events"]), "islands": len(state.sleep), "contacts": state.contact_force.size}
     counts |= {"solves": state.iteration_histogram.shape[-1], "event": len(EventSlot), "rest": state.sleep.shape[1]}
     counts |= {"table": EventSlot.TABLE, "note": EventSlot.NOTE, "release": EventSlot.IS_RELEASE}
-    counts |= {"values_per_event": VALUES_PER_EVENT}
+    counts |= {"values_per_event": VALUES_PER_EVENT, "modes": state.q.size}
     return {MEMORY: laid_out.address(MEMORY)} | {n: laid_out.address(a) for n, a in arrays.items()} | counts
 
 
@@ -185,7 +187,7 @@ def _controls(scene: Scene, player: RowRecorder, chosen: Container[str]) -> dict
         **PEDAL_NUMBERS,
         "sliders": sliders,
         "song": song,
-        "song_seconds": score.end,
+        "song_notes": [[note.key, note.time, note.end] for note in score.notes],
         "pads": [],
         "damp": [],
     }

@@ -17,6 +17,7 @@ from engine.instrument.key_names import note_frequency, parse_key
 from engine.patch import json_schema, reference_page
 from engine.patch.bow import expand_bows
 from engine.patch.live_parameters import live_paths
+from engine.patch.materials import fill_in_materials
 from engine.patch.named_values import fill_in_values
 from engine.patch.note_scene import scene_of_note
 from engine.patch.parameters import list_parameters
@@ -149,12 +150,13 @@ def test_params_lists_every_number_by_its_path(capsys):
 )
 @pytest.mark.parametrize("path", [*PATCHES, *TEMPLATES], ids=lambda p: f"{p.parent.name}-{p.stem}")
 def test_params_lead_to_the_numbers_of_the_file(path):
-    """Each path, followed through the file as it is written, ends at the value; what the file leaves at its default is
-    listed only if it can be changed while the patch sounds; and nothing is left out."""
+    """Each path, followed through the file as it is written, ends at the value, its own or that of its material. What
+    the file leaves at its default is listed only if it can be changed while it sounds; and nothing is left out."""
     data = tomllib.loads(path.read_text("utf-8"))
     if is_instrument(data):  # as it is written out
         data = {name: table for name, table in expand(data).document.items() if name not in OWN_TABLES}
     data, _ = expand_bows(fill_in_values(data)[0], False, {})
+    data = fill_in_materials(data)
     data.pop("vary", None)
     found = list_parameters(engine.load(path))
     given = {p: value for p in found if (value := follow(data, p.path.split("."))) is not None}

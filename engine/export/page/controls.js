@@ -49,11 +49,23 @@ function makePads() {
 
 const sliders = []; // with their inputs, the rows of a position, and whether they were moved
 
+// A path in words: contact.felt.stiffness is felt: stiffness.
+const nameOf = path => {
+  const words = path.split(".").map(word => word.replaceAll("_", " "));
+  return words.length > 2 ? `${words.slice(1, -1).join(" ")}: ${words.at(-1)}` : words.join(": ");
+};
+
 function addSlider(path, unit, limits, valueOf, rowsOf) {
-  const label = document.createElement("label"), name = document.createElement("span");
+  const row = document.createElement("div"), label = document.createElement("label");
   const input = document.createElement("input"), output = document.createElement("output");
-  label.className = "slider";
-  name.textContent = path;
+  const back = document.createElement("button"), small = document.createElement("small");
+  row.className = "slider";
+  input.id = label.htmlFor = `slider ${path}`;
+  small.textContent = path;
+  label.append(nameOf(path), small);
+  back.textContent = "↺";
+  back.title = "Back to the value of the patch";
+  back.setAttribute("aria-label", `Back to the value of the patch: ${nameOf(path)}`);
   Object.assign(input, { type: "range", ...limits });
   const put = place => {
     input.value = place;
@@ -67,9 +79,10 @@ function addSlider(path, unit, limits, valueOf, rowsOf) {
   };
   const slider = { put, move, rows: () => rowsOf(+input.value), place: () => +input.value, isMoved: false };
   input.oninput = () => move(input.value);
+  back.onclick = () => move(limits.value);
   put(limits.value);
-  label.append(name, input, output);
-  $("sliders").append(label);
+  row.append(label, input, output, back);
+  $("sliders").append(row);
   sliders.push(slider);
   return slider;
 }

@@ -167,6 +167,13 @@ function mark(key, isDown) {
   elements.get(key)?.setAttribute("aria-pressed", isDown);
 }
 
+// Show which keys the score has down.
+function lightScore(seconds) {
+  const lit = new Set();
+  if (isScore) for (const [key, from, to] of data.song_notes || []) if (from <= seconds && seconds < to) lit.add(key);
+  for (const [key, button] of elements) button.classList.toggle("lit", lit.has(key.number));
+}
+
 // How far up a button was touched, as a velocity of MIDI: the lower, the louder, as on a key.
 function velocityOf(event, button = event.currentTarget) {
   const box = button.getBoundingClientRect();

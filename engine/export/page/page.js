@@ -74,7 +74,8 @@ async function options(messages, isLive) {
   unpacked ||= Promise.all([unpack(data.kernel), unpack(data.scene).then(inOrder)]);
   const [kernel, scene] = await unpacked;
   const { at, names, functions, base, size, block, samplerate, channels, gain, coarsest } = data;
-  const numbers = { at, names, functions, base, size, block, samplerate, channels, gain, coarsest };
+  const motion = { ...data.motion, shapes: [], most: FIGURES };
+  const numbers = { at, names, functions, base, size, block, samplerate, channels, gain, coarsest, motion };
   return { ...numbers, kernel, scene, messages, isLive, isFused };
 }
 
@@ -156,6 +157,9 @@ function show(m) {
     isScore = false;
     showPlay();
   }
+  takeMotion(m.motion);
+  lightScore(m.seconds);
+  $("coarse").hidden = !m.quality;
   if (m.silenced) say(`${m.silenced} samples were not finite, and are silent. Play again to start anew.`);
 }
 
@@ -183,6 +187,7 @@ function draw() {
   for (let i = 0; i < count; i++)
     g.lineTo(i / count * w, h / 2 * (1 - samples[Math.min(first + i, samples.length - 1)]));
   g.stroke();
+  label(g, h, [[6, `${decimals(1000 * count / data.samplerate, 2)} ms, from -1 to 1 of full scale`]]);
   [g, w, h] = frameOf($("spectrum"));
   const top = data.samplerate / 2, octaves = Math.log2(top / 30);
   for (let x = 0; x < w; x++) {
@@ -190,7 +195,16 @@ function draw() {
     g.lineTo(x, h * Math.min(1, Math.max(0, -bins[Math.min(bins.length - 1, Math.floor(bin))] / 110)));
   }
   g.stroke();
+  label(g, h, [100, 1000, 10_000].map(f => [Math.log2(f / 30) / octaves * w, f < 1000 ? `${f} Hz` : `${f / 1000} kHz`]));
+  drawMotion();
   requestAnimationFrame(draw);
+}
+
+// Names of places along the lower edge of a picture.
+function label(g, h, names) {
+  g.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--soft");
+  g.font = "11px system-ui, sans-serif";
+  for (const [x, name] of names) g.fillText(name, x, h - 5);
 }
 
 // --- buttons

@@ -8,6 +8,7 @@ async function start() {
   if (data.keys.length) makeKeyboard();
   else makePads();
   makeSliders();
+  makeMotion();
   $("midi").hidden = !navigator.requestMIDIAccess || !data.keys.length;
 }
 const started = start();

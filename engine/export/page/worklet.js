@@ -42,6 +42,10 @@ class Patch extends AudioWorkletProcessor {
     this.sleep = view(BigInt64Array, at.sleep, at.islands * at.rest);
     this.iterations = view(BigInt64Array, at.iterations, at.islands * at.solves);
     this.force = view(Float64Array, at.force, at.contacts);
+    this.q = view(Float64Array, at.q, at.modes);
+    this.p = view(Float64Array, at.p, at.modes);
+    this.flight = view(BigInt64Array, at.flight, at.islands * o.motion.flight[0]);
+    this.touches = new Set(); // places that were touched since the last report
     this.out = view(Float32Array, room, o.block * o.channels);
     this.call = [BigInt(at.memory), BigInt(room)];
     this.now = globalThis.performance ? () => performance.now() : Date.now;
@@ -136,6 +140,9 @@ class Patch extends AudioWorkletProcessor {
       this.frame += count;
     }
     for (const f of this.force) if (f > this.largestForce) this.largestForce = f;
+    this.o.motion.touched.forEach(({ contact }, n) => {
+      if (this.force[contact] !== 0) this.touches.add(n);
+    });
     this.spent += this.now() - begin;
     this.frames += frames;
     if (this.frames >= 2048) this.report();
@@ -157,9 +164,28 @@ class Patch extends AudioWorkletProcessor {
       quality: this.quality,
       force: this.largestForce,
       seconds: this.frame / this.o.samplerate,
+      motion: this.motion(),
     });
+    this.touches.clear();
     gauges[Gauge.PEAK] = 0;
     this.clearMeters();
+  }
+  // The modes of the bodies that move most, at the end of a flight if their island flies, and what has touched them.
+  motion() {
+    const { bodies, flight: [columns, end], most } = this.o.motion;
+    const energies = bodies.map(({ modes, frequencies }) => modes.reduce((sum, m, n) =>
+      sum + this.p[m] ** 2 + (2 * Math.PI * frequencies[n] * this.q[m]) ** 2, 0));
+    const chosen = bodies.map((_, n) => n).sort((a, b) => energies[b] - energies[a] || a - b).slice(0, most);
+    const told = chosen.sort((a, b) => a - b).map(body => {
+      const { modes, frequencies, island } = bodies[body], until = Number(this.flight[island * columns + end]);
+      return {
+        body,
+        q: modes.map(m => this.q[m]),
+        r: modes.map((m, n) => this.p[m] / (2 * Math.PI * frequencies[n])),
+        seconds: Math.max(this.frame, until) / this.o.samplerate,
+      };
+    });
+    return { bodies: told, touches: [...this.touches] };
   }
   // Mean of the rounds of the contact solves since the last report.
   meanIterations() {

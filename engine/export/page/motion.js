@@ -1,0 +1,96 @@
+// What moves, seen through a stroboscope: each body by its lowest modes, as they are at the moment (engine.export.motion).
+
+const SWINGS = 0.8; // a second, of the lowest mode as it is drawn
+const FIGURES = 8; // bodies that are drawn at a time
+const figures = []; // canvases with their captions
+const sizes = new Map(); // of a body: the largest displacement now, and since the sound began, m
+let moving = [], isSecond = false; // what the audio side told last; and whether every second picture is due
+const touches = new Map(); // when each place was touched, ms
+
+function makeMotion() {
+  const { bodies } = data.motion;
+  $("motion").hidden = !bodies.length;
+  for (let n = 0; n < Math.min(FIGURES, bodies.length); n++) {
+    const figure = document.createElement("figure"), canvas = document.createElement("canvas");
+    const caption = document.createElement("figcaption");
+    canvas.setAttribute("aria-hidden", "true");
+    figure.append(canvas, caption);
+    $("motion").append(figure);
+    figures.push({ canvas, caption });
+    caption.textContent = bodies[n].name;
+  }
+}
+
+function takeMotion(told) {
+  moving = told.bodies;
+  for (const number of told.touches) touches.set(number, performance.now());
+}
+
+// Displacements of a body at its places, m: as it was at a moment, turned on by less than half a period to the phase that
+// a stroboscope shows. Partials of a string have one stroboscope, those of a plate one each.
+function shapeOf(body, { q, r, seconds }, shown) {
+  const { frequencies, scales, is_harmonic } = body, { places, values } = data.motion.shapes[body.shape];
+  const heights = new Float64Array(places.length);
+  for (let n = 0; n < q.length; n++) {
+    const reference = frequencies[is_harmonic ? 0 : n];
+    const turns = SWINGS * shown * reference / frequencies[0] - reference * seconds;
+    const angle = 2 * Math.PI * frequencies[n] * (turns - Math.round(turns)) / reference;
+    const size = scales[n] * (q[n] * Math.cos(angle) + r[n] * Math.sin(angle));
+    for (let i = 0; i < heights.length; i++) heights[i] += size * values[n][i];
+  }
+  return heights;
+}
+
+const lengthText = x => x < 1e-6 ? "at rest" : x < 1e-3 ? `${+(1e6 * x).toPrecision(2)} µm` : `${+(1e3 * x).toPrecision(2)} mm`;
+
+function drawMotion() {
+  if (isSecond = !isSecond) return; // thirty pictures a second are enough
+  const shown = CALM ? 0.25 / SWINGS : performance.now() / 1000;
+  moving.forEach((state, n) => {
+    const body = data.motion.bodies[state.body], shapes = data.motion.shapes[body.shape];
+    const heights = shapeOf(body, state, shown), peak = heights.reduce((m, x) => Math.max(m, Math.abs(x)), 0);
+    const [size, most] = sizes.get(state.body) || [0, 0], now = Math.max(peak, 0.97 * size), all = Math.max(now, most);
+    sizes.set(state.body, [now, all]);
+    const factor = now > 1e-9 ? (now / all) ** 0.3 / now : 0; // what is quiet can still be seen
+    const [g, w, h] = frameOf(figures[n].canvas);
+    const at = shapes.columns ? onSheet(w, h) : onLine(w, h);
+    const points = shapes.places.map((place, i) => at(place, factor * heights[i]));
+    if (shapes.columns) drawGrid(g, shapes, points);
+    else points.forEach(point => g.lineTo(...point));
+    g.stroke();
+    drawTouches(g, state.body, shapes, points);
+    const text = `${body.name}, ${lengthText(now)}`;
+    if (figures[n].caption.textContent !== text) figures[n].caption.textContent = text;
+  });
+}
+
+const onLine = (w, h) => (x, height) => [8 + x * (w - 16), h * (0.5 - 0.4 * height)];
+const onSheet = (w, h) => ([x, y], height) => [8 + (x + 0.4 * y) / 1.4 * (w - 16), h * (0.8 - 0.45 * y - 0.22 * height)];
+
+function drawGrid(g, { columns, numbers }, points) {
+  const byNumber = new Map(numbers.map((number, i) => [number, points[i]]));
+  for (const [number, point] of byNumber) {
+    const right = (number + 1) % columns && byNumber.get(number + 1), below = byNumber.get(number + columns);
+    for (const other of [right, below].filter(Boolean)) {
+      g.moveTo(...point);
+      g.lineTo(...other);
+    }
+  }
+}
+
+// Dots where something touches, for a moment.
+function drawTouches(g, number, { places }, points) {
+  const off = (a, b) => Array.isArray(a) ? Math.hypot(a[0] - b[0], a[1] - b[1]) : Math.abs(a - b);
+  g.fillStyle = g.strokeStyle;
+  for (const [touch, at] of touches) {
+    const { body, place } = data.motion.touched[touch], age = performance.now() - at;
+    if (age > 300) touches.delete(touch);
+    if (body !== number || age > 300) continue;
+    const nearest = places.reduce((best, one, i) => off(one, place) < off(places[best], place) ? i : best, 0);
+    g.globalAlpha = 1 - age / 300;
+    g.beginPath();
+    g.arc(...points[nearest], 5, 0, 2 * Math.PI);
+    g.fill();
+  }
+  g.globalAlpha = 1;
+}

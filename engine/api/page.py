@@ -1,10 +1,11 @@
 """A patch as a page that plays, from Python and in a notebook."""
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from html import escape
+from html import escape, unescape
 from pathlib import Path
 
 from engine.api.pilot import Pilot
@@ -30,6 +31,13 @@ class Page:
     """
 
     html: str
+
+    @property
+    def policy(self) -> str:
+        """The Content-Security-Policy of the page, with hashes of its script and its style: what a site that sends one
+        of its own needs to allow."""
+        found = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', self.html)
+        return unescape(found[1]) if found else ""
 
     def save(self, path: str | Path) -> None:
         """Write the page to a file, which a browser opens. Raises OSError if it cannot be written; what was there

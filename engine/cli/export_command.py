@@ -108,14 +108,15 @@ def _export_page(args: argparse.Namespace, scene: "Scene") -> int:
     except OSError as error:
         raise CommandError(f"{path}: {error_reason(error)}") from None
     size = len(page.html.encode())
-    values: dict[str, Any] = {"patch": args.patch, "output": str(path), "bytes": size}
+    values: dict[str, Any] = {"patch": args.patch, "output": str(path), "bytes": size, "policy": page.policy}
     print_result(args.json, values, lambda: print(f"wrote {path} ({size / 1e3:.0f} kB); open it in a browser"))
     return 0
 
 
 def _words(args: argparse.Namespace) -> list[str]:
     """Return the words that make the page again."""
-    given = {"-o": args.output, "--kernel": args.kernel, "--samplerate": args.samplerate, "--voices": args.voices}
+    output = None if args.output is None else Path(args.output).name  # no folder of its maker: it may be published
+    given = {"-o": output, "--kernel": args.kernel, "--samplerate": args.samplerate, "--voices": args.voices}
     options = [(name, str(value)) for name, value in given.items() if value is not None]
     options += [("--slide", parameter) for parameter in args.slide]
     patch = Path(args.patch)

@@ -1,10 +1,9 @@
-"""What of a scene moves on a page: bodies with a shape, by their lowest modes, and the points where they are touched.
+"""Moving parts of a scene on a page: bodies with a shape, by their lowest modes, and the points where they are touched.
 
 A page gets small numbers, as it draws some hundred pixels: mode shapes are steps of 1/127 of their largest value, and
 shapes that are alike, as those of all strings, are given once.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +25,6 @@ class DrawnBody(NamedTuple):
     name: str
     island: int
     modes: list[int]  # counted from the first of all
-    frequencies: list[float]  # [modes], Hz
     scales: list[float]  # [modes], 1/√kg
     shape: int  # number of its shapes
     is_harmonic: bool
@@ -66,15 +64,13 @@ def find_motion(layout: Layout) -> Motion:
         if shown is None:
             continue
         shapes, modes, scales = shown
-        frequencies = layout.modes.omega[modes] / math.tau
         number = numbers.setdefault(repr(shapes), len(motion.shapes))
         if number == len(motion.shapes):
             motion.shapes.append(shapes)
         drawn[body.name] = len(motion.bodies)
-        rounded = [float(f"{f:.6g}") for f in frequencies.tolist()], [float(f"{x:.4g}") for x in scales.tolist()]
-        is_harmonic = _is_harmonic(frequencies)
+        rounded, is_harmonic = [float(f"{x:.4g}") for x in scales.tolist()], _is_harmonic(layout.modes.omega[modes])
         motion.bodies.append(
-            DrawnBody(body.name, layout.islands.of_body[b], modes.tolist(), *rounded, number, is_harmonic)
+            DrawnBody(body.name, layout.islands.of_body[b], modes.tolist(), rounded, number, is_harmonic)
         )
     for contact, (k, point) in enumerate(layout.islands.contact_points):
         for side in contact_sides(layout.touching[k], point):
@@ -107,9 +103,9 @@ def _shapes_of(layout: Layout, number: int, shape: BodyShape) -> tuple[Shapes, n
     )
 
 
-def _is_harmonic(frequencies: np.ndarray) -> bool:
+def _is_harmonic(omega: np.ndarray) -> bool:
     """True if partials are near multiples of the lowest."""
-    ratios = frequencies / frequencies[0]
+    ratios = omega / omega[0]
     return bool((np.abs(ratios / np.maximum(np.rint(ratios), 1.0) - 1.0) < HARMONIC).all())
 
 

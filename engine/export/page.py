@@ -66,7 +66,7 @@ MAX_MEGABYTES = 400  # of a scene: browsers give pages some thousand
 MOST_EXCHANGES = RowRecorder.queue_size - 128  # of tables, by a score: they wait beside what is played
 PEDAL_NUMBERS: dict[str, Any] = {"pedals": PEDALS, "shares": SHARES, "pedal_down": PEDAL_DOWN}
 PAGE = "page"  # the folder of the template
-SCRIPTS = ("page.js", "keys.js", "voices.js", "controls.js", "motion.js", "start.js")  # of which the last begins
+SCRIPTS = ("page.js", "keys.js", "voices.js", "controls.js", "motion.js", "embed.js", "start.js")  # the last begins
 
 
 class PageSettings(NamedTuple):
@@ -143,7 +143,7 @@ def places_of_player(laid_out: SceneBytes, player: RowRecorder) -> dict[str, int
     state = player.state
     arrays = arrays_of_player(player.memory)
     arrays |= {"sleep": state.sleep, "iterations": state.iteration_histogram, "force": state.contact_force}
-    arrays |= {"q": state.q, "p": state.p, "flight": state.flight.frame}
+    arrays |= {"omega_squared": player.model.omega_squared, "q": state.q, "p": state.p, "flight": state.flight.frame}
     counts = {"queue": len(arrays["events"]), "islands": len(state.sleep), "contacts": state.contact_force.size}
     counts |= {"solves": state.iteration_histogram.shape[-1], "event": len(EventSlot), "rest": state.sleep.shape[1]}
     counts |= {"table": EventSlot.TABLE, "note": EventSlot.NOTE, "release": EventSlot.IS_RELEASE}
@@ -217,7 +217,7 @@ def compose(data: Mapping[str, Any], about: Mapping[str, str]) -> str:
         f" style-src 'sha256-{_digest(style)}'; img-src data:; media-src blob:"
     )
     filled = {
-        "TITLE": escape(about.get("title", "A patch")),
+        "TITLE": escape(about.get("title", "A patch"), quote=True),
         "POLICY": escape(policy, quote=True),
         "TEXT": escape(about.get("text", "")),
         "COMMAND": escape(about.get("command", "")),

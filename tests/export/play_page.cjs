@@ -24,7 +24,7 @@ globalThis.document = { getElementById: id => elements[id] ||= nothing(), create
   addEventListener() {}, body: nothing(), documentElement: nothing() };
 Object.defineProperty(globalThis, "navigator", { value: {} });
 globalThis.addEventListener = () => {};
-globalThis.location = { hash };
+globalThis.location = { hash, search: "" };
 globalThis.isSecureContext = true;
 globalThis.matchMedia = () => ({ matches: false });
 globalThis.AudioContext = class {};

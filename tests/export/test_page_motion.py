@@ -23,7 +23,7 @@ def motion_at(browser, frames):
 
 def heights_of(browser, state):
     """The heights of a body on a page as they are at the moment, m."""
-    shown = f"{state['seconds']!r} * body.frequencies[0] / SWINGS"
+    shown = f"{state['seconds'] * state['omega'][0] / math.tau!r} / SWINGS"
     script = f"(body => [...shapeOf(body, {json.dumps(state)}, {shown})])(data.motion.bodies[{state['body']}])"
     return np.array(browser.ask(script))
 
@@ -74,4 +74,4 @@ def test_strings_share_their_shapes_and_contacts_lie_on_bodies():
     strings = [body for body in motion.bodies if body.is_harmonic]
     assert len(strings) > 4 and len({body.shape for body in strings}) < len(strings)
     assert motion.touched and all(0.0 <= touched.place <= 1.0 for touched in motion.touched)
-    assert all(len(body.modes) <= MOST_MODES and body.frequencies == sorted(body.frequencies) for body in strings)
+    assert all(len(body.modes) <= MOST_MODES and body.modes == sorted(body.modes) for body in strings)

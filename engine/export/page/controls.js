@@ -55,7 +55,7 @@ const nameOf = path => {
   return words.length > 2 ? `${words.slice(1, -1).join(" ")}: ${words.at(-1)}` : words.join(": ");
 };
 
-function addSlider(path, unit, limits, valueOf, rowsOf) {
+function addSlider(path, unit, limits, valueOf, rowsOf, placeOf) {
   const row = document.createElement("div"), label = document.createElement("label");
   const input = document.createElement("input"), output = document.createElement("output");
   const back = document.createElement("button"), small = document.createElement("small");
@@ -77,7 +77,7 @@ function addSlider(path, unit, limits, valueOf, rowsOf) {
     slider.isMoved = true;
     if (playing) send({ rows: slider.rows() });
   };
-  const slider = { put, move, rows: () => rowsOf(+input.value), place: () => +input.value, isMoved: false };
+  const slider = { path, placeOf, put, move, rows: () => rowsOf(+input.value), place: () => +input.value, isMoved: false };
   input.oninput = () => move(input.value);
   back.onclick = () => move(limits.value);
   put(limits.value);
@@ -95,7 +95,7 @@ function makeSliders() {
     const toPlace = x => slider.is_logarithmic ? Math.log10(x) : x;
     const valueOf = place => slider.is_logarithmic ? 10 ** place : place;
     const limits = { min: toPlace(slider.low), max: toPlace(slider.high), step: "any", value: toPlace(slider.value) };
-    addSlider(slider.path, slider.unit, limits, valueOf, place => sliderRows(slider, valueOf(place)));
+    addSlider(slider.path, slider.unit, limits, valueOf, place => sliderRows(slider, valueOf(place)), toPlace);
   }
   const tabled = data.table_sliders.map(({ path, unit, values, home, rows, overlapping }) => {
     const limits = { min: 0, max: values.length - 1, step: 1, value: home };
@@ -108,7 +108,8 @@ function makeSliders() {
       return [rows[home]];
     };
     return addSlider(path, unit, limits, place => values[place],
-      place => [...overlapping.flatMap(goHome), rows[place]]);
+      place => [...overlapping.flatMap(goHome), rows[place]],
+      value => values.reduce((best, one, i) => Math.abs(one - value) < Math.abs(values[best] - value) ? i : best, 0));
   });
   const wheel = data.table_sliders.findIndex(({ path }) => path === data.bend);
   if (wheel < 0) return;

@@ -8,7 +8,12 @@ let moving = [], isSecond = false; // what the audio side told last; and whether
 const touches = new Map(); // when each place was touched, ms
 
 function makeMotion() {
-  const { bodies } = data.motion;
+  const { bodies, shapes, touched } = data.motion;
+  const off = (a, b) => Array.isArray(a) ? Math.hypot(a[0] - b[0], a[1] - b[1]) : Math.abs(a - b);
+  for (const touch of touched) {
+    const { places } = shapes[bodies[touch.body].shape];
+    touch.nearest = places.reduce((best, one, i) => off(one, touch.place) < off(places[best], touch.place) ? i : best, 0);
+  }
   $("motion").hidden = !bodies.length;
   for (let n = 0; n < Math.min(FIGURES, bodies.length); n++) {
     const figure = document.createElement("figure"), canvas = document.createElement("canvas");
@@ -24,17 +29,20 @@ function makeMotion() {
 function takeMotion(told) {
   moving = told.bodies;
   for (const number of told.touches) touches.set(number, performance.now());
+  moving.forEach(({ body }, n) => {
+    figures[n].caption.textContent = `${data.motion.bodies[body].name}, ${lengthText(sizes.get(body)?.[0] || 0)}`;
+  });
 }
 
 // Displacements of a body at its places, m: as it was at a moment, turned on by less than half a period to the phase that
 // a stroboscope shows. Partials of a string have one stroboscope, those of a plate one each.
-function shapeOf(body, { q, r, seconds }, shown) {
-  const { frequencies, scales, is_harmonic } = body, { places, values } = data.motion.shapes[body.shape];
+function shapeOf(body, { q, r, omega, seconds }, shown) {
+  const { scales, is_harmonic } = body, { places, values } = data.motion.shapes[body.shape];
   const heights = new Float64Array(places.length);
   for (let n = 0; n < q.length; n++) {
-    const reference = frequencies[is_harmonic ? 0 : n];
-    const turns = SWINGS * shown * reference / frequencies[0] - reference * seconds;
-    const angle = 2 * Math.PI * frequencies[n] * (turns - Math.round(turns)) / reference;
+    const reference = omega[is_harmonic ? 0 : n];
+    const turns = SWINGS * shown * reference / omega[0] - reference * seconds / (2 * Math.PI);
+    const angle = 2 * Math.PI * omega[n] / reference * (turns - Math.round(turns));
     const size = scales[n] * (q[n] * Math.cos(angle) + r[n] * Math.sin(angle));
     for (let i = 0; i < heights.length; i++) heights[i] += size * values[n][i];
   }
@@ -58,9 +66,7 @@ function drawMotion() {
     if (shapes.columns) drawGrid(g, shapes, points);
     else points.forEach(point => g.lineTo(...point));
     g.stroke();
-    drawTouches(g, state.body, shapes, points);
-    const text = `${body.name}, ${lengthText(now)}`;
-    if (figures[n].caption.textContent !== text) figures[n].caption.textContent = text;
+    drawTouches(g, state.body, points);
   });
 }
 
@@ -79,14 +85,12 @@ function drawGrid(g, { columns, numbers }, points) {
 }
 
 // Dots where something touches, for a moment.
-function drawTouches(g, number, { places }, points) {
-  const off = (a, b) => Array.isArray(a) ? Math.hypot(a[0] - b[0], a[1] - b[1]) : Math.abs(a - b);
+function drawTouches(g, number, points) {
   g.fillStyle = g.strokeStyle;
   for (const [touch, at] of touches) {
-    const { body, place } = data.motion.touched[touch], age = performance.now() - at;
+    const { body, nearest } = data.motion.touched[touch], age = performance.now() - at;
     if (age > 300) touches.delete(touch);
     if (body !== number || age > 300) continue;
-    const nearest = places.reduce((best, one, i) => off(one, place) < off(places[best], place) ? i : best, 0);
     g.globalAlpha = 1 - age / 300;
     g.beginPath();
     g.arc(...points[nearest], 5, 0, 2 * Math.PI);

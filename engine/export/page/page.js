@@ -69,10 +69,11 @@ function fillIn(scene) {
 }
 
 let unpacked;
+const unpackAll = () => unpacked ||= Promise.all([unpack(data.kernel), unpack(data.scene).then(inOrder)]);
+
 async function options(messages, isLive) {
   await started;
-  unpacked ||= Promise.all([unpack(data.kernel), unpack(data.scene).then(inOrder)]);
-  const [kernel, scene] = await unpacked;
+  const [kernel, scene] = await unpackAll();
   const { at, names, functions, base, size, block, samplerate, channels, gain, coarsest } = data;
   const motion = { ...data.motion, shapes: [], most: FIGURES };
   const numbers = { at, names, functions, base, size, block, samplerate, channels, gain, coarsest, motion };

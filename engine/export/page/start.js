@@ -1,6 +1,7 @@
 // The beginning, when all else is defined.
 
 async function start() {
+  readAddress();
   say(missing());
   $("unfused").hidden = isFused || !!missing();
   if (!window.DecompressionStream) return;
@@ -9,9 +10,11 @@ async function start() {
   else makePads();
   makeSliders();
   makeMotion();
+  listenToMessages();
   $("midi").hidden = !navigator.requestMIDIAccess || !data.keys.length;
 }
 const started = start();
+started.then(unpackAll).catch(() => {}); // while nobody waits; what fails is said when it is asked for
 
 // --- for tests: the sound without a device, as text
 

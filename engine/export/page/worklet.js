@@ -44,6 +44,7 @@ class Patch extends AudioWorkletProcessor {
     this.force = view(Float64Array, at.force, at.contacts);
     this.q = view(Float64Array, at.q, at.modes);
     this.p = view(Float64Array, at.p, at.modes);
+    this.omegaSquared = view(Float64Array, at.omega_squared, at.modes);
     this.flight = view(BigInt64Array, at.flight, at.islands * o.motion.flight[0]);
     this.touches = new Set(); // places that were touched since the last report
     this.out = view(Float32Array, room, o.block * o.channels);
@@ -173,15 +174,17 @@ class Patch extends AudioWorkletProcessor {
   // The modes of the bodies that move most, at the end of a flight if their island flies, and what has touched them.
   motion() {
     const { bodies, flight: [columns, end], most } = this.o.motion;
-    const energies = bodies.map(({ modes, frequencies }) => modes.reduce((sum, m, n) =>
-      sum + this.p[m] ** 2 + (2 * Math.PI * frequencies[n] * this.q[m]) ** 2, 0));
+    const energies = bodies.map(({ modes }) =>
+      modes.reduce((sum, m) => sum + this.p[m] ** 2 + this.omegaSquared[m] * this.q[m] ** 2, 0));
     const chosen = bodies.map((_, n) => n).sort((a, b) => energies[b] - energies[a] || a - b).slice(0, most);
     const told = chosen.sort((a, b) => a - b).map(body => {
-      const { modes, frequencies, island } = bodies[body], until = Number(this.flight[island * columns + end]);
+      const { modes, island } = bodies[body], until = Number(this.flight[island * columns + end]);
+      const omega = modes.map(m => Math.sqrt(this.omegaSquared[m])); // as it is now, for pitches glide
       return {
         body,
+        omega,
         q: modes.map(m => this.q[m]),
-        r: modes.map((m, n) => this.p[m] / (2 * Math.PI * frequencies[n])),
+        r: modes.map((m, n) => this.p[m] / omega[n]),
         seconds: Math.max(this.frame, until) / this.o.samplerate,
       };
     });

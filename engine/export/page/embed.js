@@ -1,0 +1,62 @@
+// A page in another one: what its address asks for, and messages from the page around it (docs/export.md, On your site).
+
+const COLOURS = ["ink", "soft", "line", "card", "page", "accent", "on-accent"];
+
+function readAddress() {
+  const asked = new URLSearchParams(location.search);
+  document.body.classList.toggle("embed", asked.has("embed"));
+  for (const name of COLOURS) {
+    const colour = asked.get(name);
+    if (colour && CSS.supports("color", colour)) document.documentElement.style.setProperty(`--${name}`, colour);
+  }
+}
+
+const orders = {
+  play, stop,
+  note_on({ key, velocity = 80 }) {
+    const found = keyOfNumber(key);
+    if (!(velocity >= 1 && velocity <= 127)) throw new Error(`velocity ${velocity}: from 1 to 127`);
+    hold(`message ${key}`, found, velocity);
+  },
+  note_off: ({ key }) => letGoOf(`message ${keyOfNumber(key).number}`),
+  pedal: ({ value }) => movePedal("sustain", value),
+  strike({ pad, strength = 1 }) {
+    const found = data.pads.find(one => one.name === pad);
+    if (!found) throw new Error(`no pad is called ${pad}; there are: ${data.pads.map(one => one.name).join(", ")}`);
+    send({ rows: scaled(found, strength) });
+  },
+  set({ path, value }) {
+    const found = sliders.find(one => one.path === path);
+    if (!found) throw new Error(`no slider is called ${path}; there are: ${sliders.map(one => one.path).join(", ")}`);
+    if (!Number.isFinite(value)) throw new Error(`value ${value}: a number is needed`);
+    found.move(found.placeOf(value));
+  },
+};
+
+function keyOfNumber(number) {
+  const found = data.keys.find(one => one.number === number);
+  if (!found) throw new Error(`there is no key ${number}`);
+  return found;
+}
+
+// The page around this one, which may send { fdh: "note_on", key: 60, velocity: 90 } and so on.
+function listenToMessages() {
+  window.addEventListener("message", ({ source, data: message }) => {
+    if (source !== window.parent || typeof message?.fdh !== "string") return;
+    const answer = reply => source.postMessage(reply, "*");
+    const order = Object.hasOwn(orders, message.fdh) && orders[message.fdh];
+    if (!order) return answer({ fdh: "refused", why: `there is no ${message.fdh}; there are: ${Object.keys(orders).join(", ")}` });
+    try {
+      order(message);
+    } catch (error) {
+      answer({ fdh: "refused", why: error.message });
+    }
+  });
+  if (window.parent === window) return;
+  window.parent.postMessage({
+    fdh: "ready",
+    keys: data.keys.map(key => key.number),
+    pads: data.pads.map(pad => pad.name),
+    sliders: sliders.map(slider => slider.path),
+  }, "*"); // it tells only what the page shows
+}

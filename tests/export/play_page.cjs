@@ -19,7 +19,7 @@ const elements = {};
 for (const [, id, text] of html.matchAll(/<script type="application\/json" id="(\w+)">(.*?)<\/script>/gs))
   elements[id] = { textContent: text };
 
-globalThis.window = globalThis;
+globalThis.window = globalThis.parent = globalThis;
 globalThis.document = { getElementById: id => elements[id] ||= nothing(), createElement: nothing,
   addEventListener() {}, body: nothing(), documentElement: nothing() };
 Object.defineProperty(globalThis, "navigator", { value: {} });

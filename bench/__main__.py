@@ -41,6 +41,7 @@ MEASUREMENTS = {  # in this order
             "start",
             "tricks",
             "live",
+            "rigs",
         ),
         "endurance",
     ],

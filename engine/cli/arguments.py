@@ -39,6 +39,7 @@ SHARED_OPTIONS = {
     ),
     "--channels": ("1,2", "play these MIDI channels of a file, from 1 to 16 (default: all but 10, which are drums)"),
     "--tracks": ("0,3", "play these tracks of a MIDI file, by number from 0, or by name (default: all)"),
+    "--tempo": ("BPM", "tempo of a MIDI file at its first note, in quarter notes per minute (default: its own)"),
     "--plot-style": (
         "NAME",
         "screen (default), or paper: as wide as a column of a journal, 86 mm, with letters of 8 points",

@@ -10,6 +10,7 @@ from engine.instrument.tables import drum_keys
 from engine.live import midi
 from engine.live.controls import Controls
 from engine.live.level_player import LevelPlayer
+from engine.live.midi_clock import open_clocked_file
 from engine.live.midi_files import is_midi_file, read_notes
 from engine.live.midi_port import MidiPort
 from engine.live.midi_recording import MidiRecording
@@ -101,7 +102,9 @@ def open_inputs(
     commands, levels = OscCommands(controls, allocator), None
     notes: midi.MidiFilePlayer | MidiPort | None = None
     record = None if args.record_midi is None else MidiRecording(args.record_midi)
-    if args.midi and is_midi_file(args.midi):
+    if args.clock is not None:
+        notes = open_clocked_file(args.midi, args.clock, allocator, controls, excerpt_of(args))
+    elif args.midi and is_midi_file(args.midi):
         notes = midi.open_file(args.midi, allocator, controls, excerpt_of(args))
         levels = open_levels(args, controls, notes, channels)
     elif args.midi:

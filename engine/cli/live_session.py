@@ -48,6 +48,7 @@ from engine.live.osc import OscError
 from engine.live.player import MAX_LIVE_SUBSTEPS, Player
 from engine.offline.statistics import island_statistics
 from engine.output_files import error_reason
+from engine.patch.rig import explain_accuracy
 from engine.patch.scene import Scene, load
 from engine.provenance import usable_cores
 from engine.report.console import explain_slowness
@@ -93,10 +94,11 @@ class PlayerFactory:
 
     @property
     def is_played_live(self) -> bool:
-        """True if notes come from a MIDI port, or from OSC without a file, or go on while the patch is edited."""
+        """True if notes come from a MIDI port, or from OSC without a file, go on while the patch is edited, or follow a
+        clock."""
         if not self.args.midi:
             return self.args.osc is not None
-        return not is_midi_file(self.args.midi) or bool(self.args.watch)
+        return not is_midi_file(self.args.midi) or bool(self.args.watch) or self.args.clock is not None
 
     def make_player(self, scene: Scene, pilot_seconds: float = PILOT_SECONDS) -> Player:
         """A player at a good level. Raises MidiError, BuildError; CommandError if the scene is too slow."""
@@ -124,6 +126,8 @@ class PlayerFactory:
             speed = pilot.speed
         if speed < 1.0 and not self.args.ignore_speed:
             remedy = explain_slowness(island_statistics(pilot.player.layout), speed)
+            if (rig := pilot.player.patch.rig) is not None and (told := explain_accuracy(rig)):
+                remedy += f"; {told}"
             raise CommandError(
                 f"TOO SLOW for real time: {speed:.2f} × in the worst case; {remedy}; or give a lower --samplerate, or"
                 " --ignore-speed"

@@ -134,7 +134,7 @@ def mix_command(scene: "Scene", assignments: list[Assignment], args: argparse.Na
         factors = mix_factors(played, args)
         sounds = sounds_in_mix(played, factors, levels_of_mix(played), rate)
         kernel, length = played[0].notes.readings.kernel, len(sounds[0]) / rate
-        tempo, markers = read_markers(Path(args.midi), excerpt.begin or 0.0, length)
+        tempo, markers = read_markers(Path(args.midi), excerpt, length)
         about = replace(about_patch(scene, args, kernel), tempo=tempo, markers=markers)
         mix, stats = prepare_sound(args, sum(sounds[1:], sounds[0]), about)
         write_prepared(mix)
@@ -198,9 +198,10 @@ def assign_parts(
     from engine.live.midi_notes import MidiError
     from engine.live.midi_parts import list_parts
 
-    _, parts, mended = read_parts(Path(args.midi), scene.midi)
-    print_messages(describe_mended_file(args.midi, mended))
     excerpt = excerpt_of(args)
+    song = read_parts(Path(args.midi), scene.midi, excerpt.tempo)
+    parts = song.parts
+    print_messages(describe_mended_file(args.midi, song.mended))
     patches = {(args.patch, 0.0): MixedPatch(args.patch, scene)}
     for assignment in assignments:
         chosen = {part.key for part in parts if assignment.has(part)}
@@ -308,7 +309,7 @@ def name_of_part(sound: MixedSound, args: argparse.Namespace) -> str:
     """The name of a part of a MIDI file: that of its track, or its channel, and that of the patch that plays it."""
     from engine.live.midi_files import read_parts
 
-    _, parts, _ = read_parts(Path(args.midi), sound.mixed.scene.midi)
+    parts = read_parts(Path(args.midi), sound.mixed.scene.midi).parts
     names = [part.name or f"channel {part.channel}" for part in parts if part.key in sound.mixed.parts]
     track = names[0] if names and names[0].casefold() != sound.mixed.name.casefold() else ""
     return f"{track} {sound.mixed.name}".strip()

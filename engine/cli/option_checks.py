@@ -27,6 +27,7 @@ DEFAULT_SAMPLERATE = 44_100  # Hz, unless an option says otherwise
 MAX_VOICES = 64
 MIDI_CHANNELS = 16
 MAX_LATENCY = 10.0  # s
+MAX_TEMPO = 1000.0  # quarter notes per minute
 
 # of a file to be written: what it is called, and the endings of its name
 FILE_KINDS = {
@@ -67,6 +68,7 @@ def _read_numbers(args: argparse.Namespace) -> list[Fault]:
     ranges = {"seconds": (0.0, MAX_SECONDS, "s"), "samplerate": (*SAMPLE_RATE_RANGE, "Hz")}
     ranges |= {"hold": ranges["seconds"]}
     ranges |= {"gain": (-MAX_LEVEL, MAX_LEVEL, "dB"), "cores": (1, 1024, "cores")}
+    ranges |= {"tempo": (1.0, MAX_TEMPO, "quarter notes per minute")}
     ranges |= {"loudness": (*RANGES["loudness"], "LUFS"), "loop": (*RANGES["loop"], "s")}
     faults: list[Fault] = []
     for name, (low, high, unit) in ranges.items():
@@ -191,7 +193,7 @@ def excerpt_of(args: argparse.Namespace) -> "Excerpt":
     channels = frozenset(int(channel) for channel in (args.channels or "").split(",") if channel)
     tracks = tuple(track.strip() for track in (args.tracks or "").split(",") if track)
     begin = 0.0 if vars(args).get("keep_start") else None
-    return Excerpt(channels, tracks, begin=begin, seconds=args.seconds)
+    return Excerpt(channels, tracks, begin=begin, seconds=args.seconds, tempo=args.tempo)
 
 
 def check_parts(args: argparse.Namespace) -> list[Fault]:
@@ -199,10 +201,10 @@ def check_parts(args: argparse.Namespace) -> list[Fault]:
     from engine.live.midi_files import is_midi_file
 
     faults = []
-    for option, text in (("--channels", args.channels), ("--tracks", args.tracks)):
+    for option, text in (("--channels", args.channels), ("--tracks", args.tracks), ("--tempo", args.tempo)):
         if text is not None and not (args.midi and is_midi_file(args.midi)):
             faults.append(Fault(option, "requires --midi with a file; give that too"))
-        elif text is not None and not all(item.strip() for item in text.split(",")):
+        elif isinstance(text, str) and option != "--tempo" and not all(item.strip() for item in text.split(",")):
             faults.append(Fault(option, f'"{text}" is not a list; separate its items by commas, such as 1,2'))
     numbers = [channel.strip() for channel in (args.channels or "").split(",")]
     if args.channels and not faults and not all(n.isdecimal() and 1 <= int(n) <= MIDI_CHANNELS for n in numbers):

@@ -44,7 +44,9 @@ def add_play_command(commands: "arguments.Commands") -> None:
     )
     arguments.add_options(parser, latency, "--seconds", rate, gain, "--cores", "--kernel", midi)
     text = "receive Open Sound Control on this UDP port; only from this machine unless HOST is given"
-    arguments.add_options(parser, "--channels", "--tracks", voices, ("--osc", "[HOST:]PORT", text))
+    arguments.add_options(parser, "--channels", "--tracks", "--tempo", voices, ("--osc", "[HOST:]PORT", text))
+    text = "with --midi FILE: follow the MIDI clock of this port, with start, stop, continue and places in the song"
+    arguments.add_options(parser, ("--clock", "PORT", text))
     add_tuning_options(parser)
     parser.add_argument("--watch", action="store_true", help="reload the patch whenever it is saved")
     text = "also record the sound to this file; or, if it ends in .mid, what a MIDI port plays; repeat it for both"
@@ -118,4 +120,8 @@ def read_play_options(args: argparse.Namespace) -> list[Fault]:
         faults.append(Fault("--osc", f'"{args.osc}" is not a port; give 1 to 65535, or HOST:PORT such as 0.0.0.0:9000'))
     if args.voices is not None and not args.midi and args.osc is None:
         faults.append(Fault("--voices", "requires --midi or --osc; give one of them"))
+    if args.clock is not None and not (args.midi and is_midi_file(args.midi)):
+        faults.append(Fault("--clock", "requires --midi with a file; give that too"))
+    elif args.clock is not None and args.tempo is not None:
+        faults.append(Fault("--clock", "sets the tempo; leave out --tempo"))
     return faults + check_parts(args)

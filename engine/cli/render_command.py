@@ -74,7 +74,8 @@ def add_render_command(commands: "arguments.Commands") -> None:
     key = "--key", "KEY", "play one note of an instrument, such as C4 or F#3"
     add_tuning_options(parser)
     trace = "--trace", "OUT.npz", "also write what moves in every sample: .npz, .nc (xarray), .mat (MATLAB) or .csv"
-    arguments.add_options(parser, midi, "--channels", "--tracks", play, stems, key, "--velocity", "--voices", trace)
+    arguments.add_options(parser, midi, "--channels", "--tracks", "--tempo", play, stems, key, "--velocity")
+    arguments.add_options(parser, "--voices", trace)
     help_text = (
         "with --trace: also write shapes of strings, bars, membranes and plates (at most 4000 each, 64 MB in all)"
     )

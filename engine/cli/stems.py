@@ -14,6 +14,7 @@ from engine.output_files import absolute_path, is_writable_folder, write_text
 if TYPE_CHECKING:
     import numpy as np
 
+    from engine.live.midi_parts import Excerpt
     from engine.sound.about import Marker
     from engine.sound.sound_file import PreparedSound
 
@@ -37,26 +38,28 @@ def check_stems(folder: str | None, has_midi: bool) -> list[Fault]:
     return []
 
 
-def read_markers(path: Path, begin: float, seconds: float) -> "tuple[float, tuple[Marker, ...]]":
+def read_markers(path: Path, excerpt: "Excerpt", seconds: float) -> "tuple[float, tuple[Marker, ...]]":
     """Return the tempo of a MIDI file where a sound begins, in quarter notes per minute, and the markers within it.
 
-    begin: of the sound in the file, s; seconds: its length
+    excerpt: what the sound has of the file; seconds: its length
     """
     import mido
 
+    from engine.live.midi_files import read_parts
     from engine.sound.about import Marker
 
+    stretch, begin = read_parts(path, tempo=excerpt.tempo).stretch, excerpt.begin or 0.0
     now, tempo, markers = 0.0, USUAL_TEMPO, list[Marker]()
     try:
         for message in mido.MidiFile(path, clip=True):
-            now += message.time
+            now += stretch * message.time
             if message.type == "set_tempo" and now <= begin + 1e-9:
                 tempo = mido.tempo2bpm(message.tempo)
             elif message.type == "marker" and begin <= now <= begin + seconds:
                 markers.append(Marker(now - begin, message.text))
     except (OSError, ValueError, EOFError, TypeError):  # a broken file, of which the notes were read all the same
         pass
-    return tempo, tuple(markers)
+    return tempo / stretch, tuple(markers)
 
 
 def write_stems(folder: Path, names: Sequence[str], sounds: "Sequence[np.ndarray]", mix: "PreparedSound") -> list[Path]:

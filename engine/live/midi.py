@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from engine.faults import RenderInterrupted
+from engine.instrument.tables import drum_keys
 from engine.live.controls import Controls, takes_move
 from engine.live.key_allocator import KeyAllocator
 from engine.live.midi_files import MidiNotes, TimedMove, is_midi_file, read_notes
@@ -119,9 +120,8 @@ def open_file(
 
 def read_for(scene: Scene, text: str, excerpt: Excerpt = ALL_NOTES) -> MidiNotes:
     """The notes of a file, and the moves that a scene has controls for. Raises MidiError."""
-    return read_notes(
-        Path(text), scene.midi, lambda move: any(takes_move(control, move) for control in scene.control), excerpt
-    )
+    takes, drums = scene.control, drum_keys(scene.instrument)
+    return read_notes(Path(text), scene.midi, lambda move: any(takes_move(one, move) for one in takes), excerpt, drums)
 
 
 def lowest_ratio(text: str, scene: Scene, excerpt: Excerpt = ALL_NOTES) -> float:

@@ -61,6 +61,21 @@ class MidiNotes(NamedTuple):
     end: float  # when keys that are not released are, s
     mended: str = ""  # what was wrong with the file, in words
     levels: tuple[LevelMove, ...] = ()  # moves of volume, expression and pan, which are counted as ignored too
+    tempos: tuple["Tempo", ...] = ()  # none if the file counts seconds and no beats
+
+    def beat_at(self, seconds: float) -> float:
+        """The place in the file, in quarter notes, of what is played at a time (s)."""
+        at = self.begin + seconds
+        tempo = next((one for one in reversed(self.tempos) if one.seconds <= at), self.tempos[0])
+        return tempo.beat + ((at - tempo.seconds) / tempo.seconds_per_beat if tempo.seconds_per_beat else 0.0)
+
+
+class Tempo(NamedTuple):
+    """A tempo of a file, from a place on."""
+
+    seconds: float
+    beat: float  # quarter notes from the beginning
+    seconds_per_beat: float  # 0 where a file is broken
 
 
 def read_notes(
@@ -77,7 +92,7 @@ def read_notes(
     excerpt: what of the file is played
     drums:   of a patch of drums, its keys by those of General MIDI's drums
     """
-    messages, parts, mended = read_parts(path, midi)
+    messages, parts, mended, tempos, _ = read_parts(path, midi, excerpt.tempo)
     try:
         played, left_out = excerpt.choose(parts, drums is not None)
     except MidiError as error:
@@ -101,7 +116,7 @@ def read_notes(
     notes = delay_pedals(reader.notes, midi.shortest_lift)
     if not any(note.kind == "on" for note in notes) and not reader.unknown_drums:
         raise NothingToPlay(f"{path}: there are no notes of {list_parts(played)} in the first {excerpt.seconds:g} s")
-    rest = played, left_out, reader.unknown_drums, begin, end, mended, tuple(reader.levels)
+    rest = played, left_out, reader.unknown_drums, begin, end, mended, tuple(reader.levels), tempos
     return MidiNotes(notes, reader.ignored, reader.moves, *rest)
 
 
@@ -133,21 +148,34 @@ class Song(NamedTuple):
 
     messages: in the order of their times
     mended:   what was wrong with it, in words; "" if nothing was
+    tempos:   none if it counts seconds and no beats
+    stretch:  how many times as long it is as in the file
     """
 
     messages: list[TimedMessage]
     parts: list[Part]
     mended: str
+    tempos: tuple[Tempo, ...]
+    stretch: float
 
 
-def read_parts(path: Path, midi: Midi = PLAIN) -> Song:
-    """The messages of a MIDI file, and its parts. Raises MidiError."""
+def read_parts(path: Path, midi: Midi = PLAIN, tempo: float | None = None) -> Song:
+    """The messages of a MIDI file, and its parts. Raises MidiError.
+
+    tempo: at the first note, quarter notes per minute, which others follow; None: as in the file
+    """
     song = read_file(path)
-    messages = time_messages(song)
+    messages, tempos, stretch = time_messages(song), read_tempos(song), 1.0
+    if tempo is not None:
+        if not tempos:
+            raise MidiError(f"{path} counts seconds and no beats; leave out --tempo")
+        stretch = 60.0 / tempo / first_tempo(song, tempos).seconds_per_beat
+        messages = [message._replace(seconds=stretch * message.seconds) for message in messages]
+        tempos = tuple(Tempo(stretch * one.seconds, one.beat, stretch * one.seconds_per_beat) for one in tempos)
     parts = find_parts(messages, [read_name(track.name) for track in song.tracks], midi)
     if not parts:
         raise MidiError(f"{path} has no notes")
-    return Song(messages, parts, describe_mended(song.mended))
+    return Song(messages, parts, describe_mended(song.mended), tempos, stretch)
 
 
 def read_name(name: bytes) -> str:
@@ -273,6 +301,25 @@ def time_messages(song: MidiSong) -> list[TimedMessage]:
             else:
                 scale = event.tempo * 1e-6
     return messages
+
+
+def read_tempos(song: MidiSong) -> tuple[Tempo, ...]:
+    """The tempos of a file; none if it counts seconds."""
+    if song.tick_seconds:
+        return ()
+    changes = [(event.ticks, event.tempo) for track in song.tracks for event in track.events if event.tempo is not None]
+    tempos = [Tempo(0.0, 0.0, DEFAULT_TEMPO * 1e-6)]
+    for ticks, tempo in sorted(changes, key=lambda change: change[0]):
+        last, beat = tempos[-1], ticks / song.ticks_per_beat
+        tempos.append(Tempo(last.seconds + (beat - last.beat) * last.seconds_per_beat, beat, tempo * 1e-6))
+    return tuple(tempos)
+
+
+def first_tempo(song: MidiSong, tempos: Sequence[Tempo]) -> Tempo:
+    """The tempo at the first note."""
+    presses = (event.ticks for track in song.tracks for event in track.events if key_of(event) and is_press(event))
+    first = min(presses, default=0) / song.ticks_per_beat
+    return [tempo for tempo in tempos if tempo.beat <= first and tempo.seconds_per_beat][-1]
 
 
 def order_offs(events: list[tuple[Event, int]], held: Counter[tuple[int, int]]) -> list[tuple[Event, int]]:

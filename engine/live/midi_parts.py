@@ -64,6 +64,7 @@ class Excerpt:
     parts: frozenset[PartKey] | None = None  # instead of channels and tracks
     begin: float | None = None  # in the file, s; at the first note that is played if None
     seconds: float | None = None  # how long it is; to the end if None
+    tempo: float | None = None  # at the first note, quarter notes per minute; as in the file if None
 
     def choose(self, parts: Sequence[Part], plays_drums: bool) -> tuple[list[Part], list[Part]]:
         """Divide the parts of a file into those that are played, and those that General MIDI says are not for the

@@ -259,6 +259,22 @@ def _at_place(pickup: dict[str, Any], member: Member, scene: SceneTables) -> dic
     return pickup
 
 
+def explain_accuracy(rig: Rig) -> str:
+    """Tell which parts make all others dearer, as a rig takes the finest setting of each; "" if none does."""
+    if rig.tables.accuracy is not None:
+        return ""
+    told = list[str]()
+    for setting in ("substeps", "order"):
+        values = {member.name: getattr(member.scene.accuracy, setting) for member in rig.members}
+        if len(set(values.values())) > 1:
+            finest = max(values.values())
+            names = ", ".join(name for name, value in values.items() if value == finest)
+            told.append(
+                f"{names} asks for {setting} = {finest}, which all parts take: an [accuracy] of the rig sets it"
+            )
+    return f"{'; '.join(told)}: an [accuracy] of the rig sets it" if told else ""
+
+
 def join_accuracy(settings: Sequence[Accuracy]) -> Accuracy:
     """Return the accuracy of a scene that is no worse than those of its parts. Raises PatchError if there is none."""
     first = settings[0]

@@ -20,6 +20,7 @@ from engine.live.mpe import MpeZones
 from engine.live.replay import replay
 from engine.live.rig_keys import RigKeys
 from engine.patch.control_tables import Midi
+from engine.patch.rig import explain_accuracy
 from engine.patch.scene import Scene
 from tests.live.two_ways import GAIN, RATE, TICKS, WAYS, Way, count_differences, make_player, play_told
 
@@ -297,3 +298,15 @@ def test_a_rig_is_rendered_with_a_file(tmp_path, monkeypatch, capsys):
     assert main(["check", "rig.toml"]) == 0
     assert main(["params", "rig.toml"]) == 0
     assert "body.bars__C4_bar.frequency" in capsys.readouterr().out
+
+
+def test_a_rig_says_which_part_makes_all_others_dearer(tmp_path):
+    """The finest setting of each part is that of all; one that the rig sets itself is nobody's."""
+    for name, substeps in (("plain", 1), ("fine", 4)):
+        text = json.dumps(KEYS | {"accuracy": {"substeps": substeps}})
+        (tmp_path / f"{name}.json").write_text(text, "utf-8")
+    parts = 'name = "low"\npatch = "plain.json"', 'name = "high"\npatch = "fine.json"'
+    told = explain_accuracy(engine.load(saved_rig(tmp_path, *parts)).rig)
+    assert told == "high asks for substeps = 4, which all parts take: an [accuracy] of the rig sets it"
+    assert explain_accuracy(engine.load(saved_rig(tmp_path, *parts, head="[accuracy]\nsubsteps = 2\n")).rig) == ""
+    assert explain_accuracy(engine.load(saved_rig(tmp_path, parts[0])).rig) == ""

@@ -59,7 +59,7 @@ function drawMotion() {
     const heights = shapeOf(body, state, shown), peak = heights.reduce((m, x) => Math.max(m, Math.abs(x)), 0);
     const [size, most] = sizes.get(state.body) || [0, 0], now = Math.max(peak, 0.97 * size), all = Math.max(now, most);
     sizes.set(state.body, [now, all]);
-    const factor = now > 1e-9 ? (now / all) ** 0.3 / now : 0; // what is quiet can still be seen
+    const factor = now > 1e-9 && !isStopped ? (now / all) ** 0.3 / now : 0; // what is quiet can still be seen
     const [g, w, h] = frameOf(figures[n].canvas);
     const at = shapes.columns ? onSheet(w, h) : onLine(w, h);
     const points = shapes.places.map((place, i) => at(place, factor * heights[i]));

@@ -15,7 +15,6 @@ from engine.cli.option_checks import (
 )
 from engine.cli.tuning_options import add_tuning_options, read_tuned_patch
 from engine.faults import Fault
-from engine.live.midi_files import MIDI_ENDINGS, is_midi_file
 from engine.live.osc import parse_address
 from engine.output_files import check_audio_format, error_reason
 
@@ -87,6 +86,8 @@ def live_command(args: argparse.Namespace) -> int:
 
 def read_recordings(args: argparse.Namespace) -> list[Fault]:
     """Divide the names of recordings into those of the sound and of the notes, in place; list their faults."""
+    from engine.live.midi_files import MIDI_ENDINGS, is_midi_file
+
     ends = {name: Path(name).suffix.lower() in MIDI_ENDINGS for name in args.record}
     files = {is_notes: [name for name in args.record if ends[name] == is_notes] for is_notes in (False, True)}
     faults = [
@@ -120,6 +121,8 @@ def read_play_options(args: argparse.Namespace) -> list[Fault]:
         faults.append(Fault("--osc", f'"{args.osc}" is not a port; give 1 to 65535, or HOST:PORT such as 0.0.0.0:9000'))
     if args.voices is not None and not args.midi and args.osc is None:
         faults.append(Fault("--voices", "requires --midi or --osc; give one of them"))
+    from engine.live.midi_files import is_midi_file
+
     if args.clock is not None and not (args.midi and is_midi_file(args.midi)):
         faults.append(Fault("--clock", "requires --midi with a file; give that too"))
     elif args.clock is not None and args.tempo is not None:

@@ -48,18 +48,18 @@ def read_markers(path: Path, excerpt: "Excerpt", seconds: float) -> "tuple[float
     from engine.live.midi_files import read_parts
     from engine.sound.about import Marker
 
-    stretch, begin = read_parts(path, tempo=excerpt.tempo).stretch, excerpt.begin or 0.0
+    lengthening, begin = read_parts(path, tempo=excerpt.tempo).lengthening, excerpt.begin or 0.0
     now, tempo, markers = 0.0, USUAL_TEMPO, list[Marker]()
     try:
         for message in mido.MidiFile(path, clip=True):
-            now += stretch * message.time
+            now += lengthening * message.time
             if message.type == "set_tempo" and now <= begin + 1e-9:
                 tempo = mido.tempo2bpm(message.tempo)
             elif message.type == "marker" and begin <= now <= begin + seconds:
                 markers.append(Marker(now - begin, message.text))
     except (OSError, ValueError, EOFError, TypeError):  # a broken file, of which the notes were read all the same
         pass
-    return tempo / stretch, tuple(markers)
+    return tempo / lengthening, tuple(markers)
 
 
 def write_stems(folder: Path, names: Sequence[str], sounds: "Sequence[np.ndarray]", mix: "PreparedSound") -> list[Path]:

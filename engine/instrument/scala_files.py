@@ -17,7 +17,7 @@ MIDDLE_C = 60
 MAX_TONES = 4096  # of a scale, or of a map
 RATIO = re.compile(r"(\d+)(?:/(\d+))?")
 CENTS = re.compile(r"[-+]?(?:\d+\.\d*|\.\d+)")
-LARGEST_RATIO = 1e6
+LARGEST_RATIO, LARGEST_CENTS = 1e6, 24_000.0  # of a tone, above or below the first
 
 
 class ScalaError(ValueError):
@@ -107,7 +107,7 @@ def _parse_tone(number: int, line: str) -> float:
     word = (line.split() or [""])[0]
     if CENTS.fullmatch(word):
         cents = float(word)
-        if abs(cents) <= 1200.0 * math.log2(LARGEST_RATIO):
+        if abs(cents) <= LARGEST_CENTS:
             return power(2.0, cents / 1200.0)
     elif match := RATIO.fullmatch(word):
         above, below = int(match[1]), int(match[2] or 1)

@@ -44,7 +44,8 @@ def scene_of_file(scene: Scene, path: Path, excerpt: Excerpt = ALL_NOTES) -> Pla
     played = _play_notes(scene, path, file.notes, file.end, excerpt.seconds)
     if played is None:
         raise NothingToPlay(f"{path} has no note for any key of the instrument")
-    ignored = merge_counts([file.ignored, played.ignored])
+    programs = sum(note.kind == "program" for note in file.notes)
+    ignored = merge_counts([file.ignored, played.ignored, {"program change": programs} if programs else {}])
     return PlayedFile(played.scene, played.score, played.refused, ignored, file)
 
 

@@ -111,7 +111,8 @@ class KeyAllocator:
     def play(self, note: Note, frame: int = 0) -> None:
         """Do what a message says, at a frame."""
         self._bends.follow(note)
-        if note.kind == "program":
+        if note.kind == "program":  # of no rig, which takes it itself
+            self.ignored["program change"] = self.ignored.get("program change", 0) + 1
             return
         if note.kind in PITCH_KINDS:
             if not self._bent:

@@ -149,14 +149,14 @@ class Song(NamedTuple):
     messages: in the order of their times
     mended:   what was wrong with it, in words; "" if nothing was
     tempos:   none if it counts seconds and no beats
-    stretch:  how many times as long it is as in the file
+    lengthening:  how many times as long it is as in the file
     """
 
     messages: list[TimedMessage]
     parts: list[Part]
     mended: str
     tempos: tuple[Tempo, ...]
-    stretch: float
+    lengthening: float
 
 
 def read_parts(path: Path, midi: Midi = PLAIN, tempo: float | None = None) -> Song:
@@ -165,17 +165,17 @@ def read_parts(path: Path, midi: Midi = PLAIN, tempo: float | None = None) -> So
     tempo: at the first note, quarter notes per minute, which others follow; None: as in the file
     """
     song = read_file(path)
-    messages, tempos, stretch = time_messages(song), read_tempos(song), 1.0
+    messages, tempos, lengthening = time_messages(song), read_tempos(song), 1.0
     if tempo is not None:
         if not tempos:
             raise MidiError(f"{path} counts seconds and no beats; leave out --tempo")
-        stretch = 60.0 / tempo / first_tempo(song, tempos).seconds_per_beat
-        messages = [message._replace(seconds=stretch * message.seconds) for message in messages]
-        tempos = tuple(Tempo(stretch * one.seconds, one.beat, stretch * one.seconds_per_beat) for one in tempos)
+        lengthening = 60.0 / tempo / first_tempo(song, tempos).seconds_per_beat
+        messages = [message._replace(seconds=lengthening * message.seconds) for message in messages]
+        tempos = tuple(Tempo(lengthening * one.seconds, one.beat, lengthening * one.seconds_per_beat) for one in tempos)
     parts = find_parts(messages, [read_name(track.name) for track in song.tracks], midi)
     if not parts:
         raise MidiError(f"{path} has no notes")
-    return Song(messages, parts, describe_mended(song.mended), tempos, stretch)
+    return Song(messages, parts, describe_mended(song.mended), tempos, lengthening)
 
 
 def read_name(name: bytes) -> str:

@@ -147,10 +147,9 @@ class VoiceAllocator:
         elif note.kind == "tune":
             self._tuned[note.number] = note.value
             self._bend(frame)
-        elif note.kind == "program":
-            return
-        elif note.kind == "soft":
-            self.ignored["soft pedal"] = self.ignored.get("soft pedal", 0) + 1
+        elif note.kind in ("program", "soft"):
+            kind = {"program": "program change", "soft": "soft pedal"}[note.kind]
+            self.ignored[kind] = self.ignored.get(kind, 0) + 1
         elif note.kind in PEDAL_NAMES:
             channel = note.channels.channel
             if self._held.move_pedal(note.kind, float(note.value >= PEDAL_DOWN), channel):

@@ -1,7 +1,6 @@
 """Rigs: several instruments that are played together, each on its channel, its keys and at its level. A rig is read as
 one scene, in which what a part has begins with its name."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any, get_origin
 
 from pydantic import Field, ValidationError
 
+from engine.arithmetic.plain_numbers import power
 from engine.bodies.table import KeyPath, Name, Table
 from engine.faults import Fault, PatchError
 from engine.instrument.expansion import keys_of
@@ -67,7 +67,7 @@ class RigPart(Table):
 
     def velocity(self, velocity: float) -> float:
         """Return the velocity at which it plays, 1 to 127."""
-        return max(1.0, round(FULL * (velocity / FULL) ** self.curve)) if self.curve != 1.0 else velocity
+        return max(1.0, round(FULL * power(velocity / FULL, self.curve))) if self.curve != 1.0 else velocity
 
 
 class RigTables(Table):
@@ -245,7 +245,7 @@ def rename_path(path: str, prefix: str, offsets: dict[str, int]) -> str:
 def _at_place(pickup: dict[str, Any], member: Member, scene: SceneTables) -> dict[str, Any]:
     """A pickup of a part at its level and place."""
     level = (scene.level or 0.0) + member.table.level
-    pickup = pickup | {"gain": pickup.get("gain", 1.0) * math.pow(10.0, level / 20.0)}
+    pickup = pickup | {"gain": pickup.get("gain", 1.0) * power(10.0, level / 20.0)}
     pan, own, channels = member.table.pan, pickup.get("pan"), pickup.get("channel", 1)
     if scene.channels == 1:
         rest = {key: value for key, value in pickup.items() if key != "channel"}
@@ -269,9 +269,7 @@ def explain_accuracy(rig: Rig) -> str:
         if len(set(values.values())) > 1:
             finest = max(values.values())
             names = ", ".join(name for name, value in values.items() if value == finest)
-            told.append(
-                f"{names} asks for {setting} = {finest}, which all parts take: an [accuracy] of the rig sets it"
-            )
+            told.append(f"{names} asks for {setting} = {finest}, which all parts take")
     return f"{'; '.join(told)}: an [accuracy] of the rig sets it" if told else ""
 
 

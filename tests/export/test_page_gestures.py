@@ -221,6 +221,23 @@ def test_a_screen_reader_finds_keys_that_play(page):
     assert page.ask(DOWN) == [] and page.ask(f"{button}.ariaPressed") == "false"
 
 
+@pytest.mark.hard
+@needs_browser
+@pytest.mark.parametrize("name", ["piano", "violin", "snare_wires"])
+def test_all_that_can_be_pressed_or_moved_has_a_name(folder, name):
+    page_of(name)[0].save(folder / f"{name}_names.html")
+    with Browser(folder / f"{name}_names", options=(SOUND_AT_ONCE,)) as browser:
+        browser.open(folder / f"{name}_names.html")
+        browser.ask("started")
+        found = [node for node in browser.roles() if node.get("role", {}).get("value") in ("button", "slider")]
+        names = [str(node.get("name", {}).get("value", "")).strip() for node in found]
+        shown = browser.ask("[...document.querySelectorAll('button, input')].filter(x => x.checkVisibility()).length")
+        assert len(names) == shown > 4 and all(names)
+        keys = browser.ask("data.keys.map(key => key.name)")
+        assert set(keys) <= set(names) and len(browser.ask("data.pads")) <= len(names)
+        assert browser.errors == []
+
+
 # --- the sound ends
 
 

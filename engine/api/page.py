@@ -36,8 +36,8 @@ class Page:
     def policy(self) -> str:
         """The Content-Security-Policy of the page, with hashes of its script and its style: what a site that sends one
         of its own needs to allow."""
-        found = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', self.html)
-        return unescape(found[1]) if found else ""
+        policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', self.html)
+        return unescape(policy[1]) if policy else ""
 
     def save(self, path: str | Path) -> None:
         """Write the page to a file, which a browser opens. Raises OSError if it cannot be written; what was there

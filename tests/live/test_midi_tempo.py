@@ -1,18 +1,12 @@
 """The tempo of a MIDI file: another one for all of it, or that of a clock at a port."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import mido
 import numpy as np
 import pytest
 from conftest import needs_portaudio
-from test_drivers import jack, needs_jack, start  # noqa: F401
+from test_drivers import jack, needs_jack  # noqa: F401
 
 import engine
 from engine.cli import main
@@ -21,6 +15,7 @@ from engine.live.midi_clock import ClockedFilePlayer, MidiClock
 from engine.live.midi_files import read_notes
 from engine.live.midi_notes import MidiError
 from engine.live.midi_parts import Excerpt
+from tests.live.stage import play_on_stage
 
 BEAT = 480  # ticks of the files here
 FASTER = 80.0  # quarter notes per minute, from the third beat on
@@ -225,27 +220,9 @@ sys.stdin.readline()
 @needs_jack
 def test_a_session_follows_a_clock_on_stage(tmp_path, jack):  # noqa: F811
     """Under JACK's dummy driver: 150 quarter notes a minute of a clock, and not the 100 and 80 of the file."""
-    environment, _ = jack
-    environment = environment | {"MIDO_BACKEND": "socket_midi", "FDH_TEST_MIDI": str(tmp_path)}
-    environment |= {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])}
     song, log = write(tmp_path / "song.mid"), tmp_path / "log.json"
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    source = subprocess.Popen([sys.executable, "-c", CLOCK], env={**os.environ, **environment}, **pipes)
-    while not (tmp_path / "band.port").exists():
-        assert source.poll() is None
-        time.sleep(0.05)
     words = ["marimba_keys", "--midi", str(song), "--clock", "band", "--event-log", str(log), "--ignore-speed"]
-    program = start(environment, "play", *words, "--device", "JACK Audio", "--block-size", "256")
-    try:
-        source.stdin.write("go\n")
-        source.stdin.flush()
-        assert source.stdout.readline().strip() == "done"
-        program.send_signal(signal.SIGINT)
-        _, errors = program.communicate(timeout=60.0)
-    finally:
-        source.kill()
-        program.kill()
-    assert program.returncode == 130, errors
+    play_on_stage(tmp_path, jack[0], "band", CLOCK, words)
     told = json.loads(log.read_text())
     struck = [e for e in told["events"] if e["why"][0] == "strike"]
     at = np.array([max(event["frame"], int(event["row"][4])) for event in struck]) / told["samplerate"]

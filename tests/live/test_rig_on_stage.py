@@ -2,22 +2,17 @@
 
 import json
 import math
-import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 import soundfile
 from conftest import needs_portaudio
-from test_drivers import jack, needs_jack, start  # noqa: F401
+from test_drivers import jack, needs_jack  # noqa: F401
 
 import engine
 from engine.instrument.key_names import note_frequency
 from engine.live.instrument_notes import scene_of_file
+from tests.live.stage import play_on_stage
 from tests.live.test_rigs import saved_rig
 
 RATE = 44_100
@@ -59,29 +54,11 @@ def measured(audio: np.ndarray) -> float:
 @needs_portaudio
 @needs_jack
 def test_parts_programs_and_tunings_are_heard_on_stage(tmp_path, jack):  # noqa: F811
-    environment, _ = jack
-    environment = environment | {"MIDO_BACKEND": "socket_midi", "FDH_TEST_MIDI": str(tmp_path)}
-    environment |= {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])}
     rig, take, log = saved_rig(tmp_path, *PARTS), tmp_path / "take.wav", tmp_path / "log.json"
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
-    source = subprocess.Popen([sys.executable, "-c", STAGE], env={**os.environ, **environment}, **pipes)
-    while not (tmp_path / "stage.port").exists():
-        assert source.poll() is None
-        time.sleep(0.05)
     notes = tmp_path / "take.mid"
     words = [str(rig), "--midi", "stage", "--record", str(take), "--record", str(notes), "--event-log", str(log)]
     words += ["--ignore-speed"]
-    program = start(environment, "play", *words, "--device", "JACK Audio", "--block-size", "256")
-    try:
-        source.stdin.write("go\n")
-        source.stdin.flush()
-        assert source.stdout.readline().strip() == "done"
-        program.send_signal(signal.SIGINT)
-        _, errors = program.communicate(timeout=60.0)
-    finally:
-        source.kill()
-        program.kill()
-    assert program.returncode == 130, errors
+    play_on_stage(tmp_path, jack[0], "stage", STAGE, words)
     events = [e for e in json.loads(log.read_text())["events"] if e["why"][0] == "pluck"]
     played = [event["why"][1] for event in events]
     assert played == ["first__C4_bar", "second__D4_bar", "third__C6_bar", "second__E4_bar", "first__F4_bar"]

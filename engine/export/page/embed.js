@@ -14,29 +14,29 @@ function readAddress() {
 const orders = {
   play, stop,
   note_on({ key, velocity = 80 }) {
-    const found = keyOfNumber(key);
+    const pressed = keyOfNumber(key);
     if (!(velocity >= 1 && velocity <= 127)) throw new Error(`velocity ${velocity}: from 1 to 127`);
-    hold(`message ${key}`, found, velocity);
+    hold(`message ${key}`, pressed, velocity);
   },
   note_off: ({ key }) => letGoOf(`message ${keyOfNumber(key).number}`),
   pedal: ({ value }) => movePedal("sustain", value),
   strike({ pad, strength = 1 }) {
-    const found = data.pads.find(one => one.name === pad);
-    if (!found) throw new Error(`no pad is called ${pad}; there are: ${data.pads.map(one => one.name).join(", ")}`);
-    send({ rows: scaled(found, strength) });
+    const struck = data.pads.find(one => one.name === pad);
+    if (!struck) throw new Error(`no pad is called ${pad}; there are: ${data.pads.map(one => one.name).join(", ")}`);
+    send({ rows: scaled(struck, strength) });
   },
   set({ path, value }) {
-    const found = sliders.find(one => one.path === path);
-    if (!found) throw new Error(`no slider is called ${path}; there are: ${sliders.map(one => one.path).join(", ")}`);
+    const slider = sliders.find(one => one.path === path);
+    if (!slider) throw new Error(`no slider is called ${path}; there are: ${sliders.map(one => one.path).join(", ")}`);
     if (!Number.isFinite(value)) throw new Error(`value ${value}: a number is needed`);
-    found.move(found.placeOf(value));
+    slider.move(slider.placeOf(value));
   },
 };
 
 function keyOfNumber(number) {
-  const found = data.keys.find(one => one.number === number);
-  if (!found) throw new Error(`there is no key ${number}`);
-  return found;
+  const key = data.keys.find(one => one.number === number);
+  if (!key) throw new Error(`there is no key ${number}`);
+  return key;
 }
 
 // The page around this one, which may send { fdh: "note_on", key: 60, velocity: 90 } and so on.

@@ -177,7 +177,7 @@ class Patch extends AudioWorkletProcessor {
     const energies = bodies.map(({ modes }) =>
       modes.reduce((sum, m) => sum + this.p[m] ** 2 + this.omegaSquared[m] * this.q[m] ** 2, 0));
     const chosen = bodies.map((_, n) => n).sort((a, b) => energies[b] - energies[a] || a - b).slice(0, most);
-    const told = chosen.sort((a, b) => a - b).map(body => {
+    const moving = chosen.sort((a, b) => a - b).map(body => {
       const { modes, island } = bodies[body], until = Number(this.flight[island * columns + end]);
       const omega = modes.map(m => Math.sqrt(this.omegaSquared[m])); // as it is now, for pitches glide
       return {
@@ -188,7 +188,7 @@ class Patch extends AudioWorkletProcessor {
         seconds: Math.max(this.frame, until) / this.o.samplerate,
       };
     });
-    return { bodies: told, touches: [...this.touches] };
+    return { bodies: moving, touches: [...this.touches] };
   }
   // Mean of the rounds of the contact solves since the last report.
   meanIterations() {

@@ -194,7 +194,7 @@ def error_reason(error: Exception) -> str:
     return getattr(error, "error_string", "") or str(error)  # of soundfile: the name it adds is the temporary one
 
 
-def soundfile_path(path: Path) -> Any:
+def soundfile_path(path: str | Path) -> Any:
     """The path in the form that soundfile takes: bytes if the name is no text."""
     try:
         str(path).encode(sys.getfilesystemencoding())

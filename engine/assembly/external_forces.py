@@ -12,6 +12,7 @@ import numpy as np
 from engine.arithmetic import plain_numbers
 from engine.arithmetic.elementary import cos, exp, interpolate, log, sin, square, tan
 from engine.assembly.one_way_drive import DriveForce, drive_forces
+from engine.output_files import soundfile_path
 from engine.patch.accuracy import Accuracy
 from engine.patch.frames import nearest_frame
 from engine.patch.scene import Scene
@@ -142,7 +143,7 @@ def count_steps(force: Force, samplerate: float, seconds: float) -> float:
     if isinstance(force, SampledForce):
         import soundfile
 
-        info = soundfile.info(force.file)
+        info = soundfile.info(soundfile_path(force.file))
         start, length = force.start, float(info.frames / info.samplerate)
     elif isinstance(force, PluckForce):
         start, length = force.start, force.duration + force.release
@@ -255,7 +256,7 @@ def read_samples(force: SampledForce, samplerate: float, most: int) -> np.ndarra
     """
     import soundfile
 
-    audio, rate = soundfile.read(force.file, dtype="float64", always_2d=True)
+    audio, rate = soundfile.read(soundfile_path(force.file), dtype="float64", always_2d=True)
     values = np.ascontiguousarray(audio[:, force.channel - 1])
     if not np.all(np.isfinite(values)):
         raise ValueError("not all of its samples are numbers")

@@ -20,7 +20,7 @@ from engine.bodies.table import KeyPath, Table, make_fault
 from engine.files import check_regular_file
 from engine.instrument.expansion import expand, is_instrument
 from engine.instrument.tables import Keyboard, KeyTables, Note, Pedal
-from engine.output_files import error_reason
+from engine.output_files import error_reason, soundfile_path
 from engine.patch.accuracy import Accuracy
 from engine.patch.bow import Bow, expand_bows
 from engine.patch.control_rules import as_plain_change, check_changes, check_controls
@@ -302,7 +302,7 @@ def _count_channels(path: Path) -> int:
     import soundfile
 
     check_regular_file(path)
-    info = soundfile.info(str(path))
+    info = soundfile.info(soundfile_path(path))
     if info.frames * info.channels > MAX_FORCE_SAMPLES:
         raise ValueError(f"it has {info.frames * info.channels} samples, more than {MAX_FORCE_SAMPLES}")
     low, high = SAMPLE_RATE_RANGE

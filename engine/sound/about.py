@@ -38,6 +38,13 @@ class About:
     tempo: float | None = None  # quarter notes per minute
     markers: tuple[Marker, ...] = ()
 
+    def __post_init__(self) -> None:
+        """Names and values come from files and words of a command, which may be any bytes."""
+        texts = {name: to_utf8_text(getattr(self, name)) for name in ("title", "patch", "text")}
+        values = {to_utf8_text(key): to_utf8_text(value) for key, value in self.values.items()}
+        for name, clean in {**texts, "values": values}.items():
+            object.__setattr__(self, name, clean)
+
     @property
     def comment(self) -> str:
         """The patch and its values, in a line."""
@@ -47,7 +54,7 @@ class About:
     def tags(self) -> dict[str, str]:
         """The description as files other than WAV have it: by the names of soundfile."""
         comment = f"{self.comment[:MAX_COMMENT]}; kernel {self.kernel}" if self.kernel else self.comment[:MAX_COMMENT]
-        return {"title": self.title, "software": program(), "comment": to_utf8_text(comment)}
+        return {"title": self.title, "software": program(), "comment": comment}
 
 
 def program() -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from engine.output_files import NORMALISED_PEAK_DBFS, SILENT_PEAK
+from engine.output_files import NORMALISED_PEAK_DBFS, SILENT_PEAK, soundfile_path
 from engine.sound.sound_file import SoundFile
 from engine.sweep.index_csv import IndexRow
 
@@ -30,7 +30,7 @@ def rescale(source: Path, target: SoundFile, gain: float) -> None:
     """Write a sound, which has its begin and end, to a file with a gain, dB. Raises OSError or RuntimeError."""
     import soundfile
 
-    audio, samplerate = soundfile.read(source, always_2d=True)
+    audio, samplerate = soundfile.read(soundfile_path(source), always_2d=True)
     form = replace(target.form, gain=gain, trim=False, fade=False, loop=None)
     sound = replace(target, form=form).prepare(audio, samplerate)
     replace(sound, file=target).write()

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from engine.output_files import write_text
+from engine.output_files import soundfile_path, write_text
 from engine.sweep.index_csv import IndexRow, read_index
 
 NAME = "index.html"
@@ -52,7 +52,7 @@ def draw_waveform(path: Path) -> str:
     import soundfile
 
     try:
-        audio, _ = soundfile.read(str(path), always_2d=True, dtype="float32")
+        audio, _ = soundfile.read(soundfile_path(path), always_2d=True, dtype="float32")
     except (OSError, RuntimeError):
         return ""
     size = np.abs(audio).max(axis=1, initial=0.0)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from engine.analysis.contact_summaries import UNITS
+from engine.output_files import soundfile_path
 from engine.patch.scene import Scene
 from engine.sweep.common_gain import sound_path
 from engine.sweep.index_csv import IndexRow, contact_columns
@@ -116,7 +117,7 @@ def _with_sounds(dataset: "Dataset", folder: Path, rows: list[IndexRow], place: 
     import soundfile
 
     done = [(at, row) for at, row in zip(place, rows, strict=True) if row["status"] == "done"]
-    infos = [soundfile.info(str(sound_path(folder, row))) for _, row in done]
+    infos = [soundfile.info(soundfile_path(sound_path(folder, row))) for _, row in done]
     frames, channels = (max((getattr(i, name) for i in infos), default=0) for name in ("frames", "channels"))
     shape = (*dataset["status"].shape, frames, channels)
     if math.prod(shape) > MAX_SOUND_NUMBERS:
@@ -126,7 +127,7 @@ def _with_sounds(dataset: "Dataset", folder: Path, rows: list[IndexRow], place: 
         )
     audio = np.full(shape, math.nan, np.float32)
     for at, row in done:
-        sound, _ = soundfile.read(str(sound_path(folder, row)), dtype="float64", always_2d=True)
+        sound, _ = soundfile.read(soundfile_path(sound_path(folder, row)), dtype="float64", always_2d=True)
         audio[at][: len(sound)] = sound / 10 ** (float(row["gain_db"] or 0.0) / 20)
     attributes = {"units": "SI unit of the pickups", "long_name": "sound"}
     dataset = dataset.assign(audio=((*dataset["status"].dims, "frame", "channel"), audio, attributes))

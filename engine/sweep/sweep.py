@@ -16,7 +16,7 @@ from typing import Any
 from engine.compiler.kernel_name import KernelName
 from engine.faults import PatchError
 from engine.instrument.key_names import parse_key
-from engine.output_files import NORMALISED_PEAK_DBFS, error_reason, resolve_subtype
+from engine.output_files import NORMALISED_PEAK_DBFS, error_reason, resolve_subtype, soundfile_path
 from engine.patch.frames import frame_count
 from engine.patch.scene import Scene
 from engine.provenance import source_digest, usable_cores
@@ -292,7 +292,7 @@ class SoundFolder:
 
         seconds = task.options["seconds"] or task.document.get("seconds") or Scene.model_fields["seconds"].default
         try:
-            info = soundfile.info(str(path))
+            info = soundfile.info(soundfile_path(path))
         except (OSError, RuntimeError):
             return False
         has_length = self.form.trim or self.form.loop is not None or info.frames == frame_count(seconds, rate)

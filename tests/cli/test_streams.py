@@ -183,16 +183,17 @@ NAMES = [b"b\xe4ll", "bäll→".encode()]
 @pytest.mark.parametrize("name", mostly_hard(NAMES, NAMES[0]))
 def test_names_that_are_no_text(folder, name):
     """A patch and a sound whose names are bytes of another encoding; they are told as they are."""
-    patch, out = (os.path.join(os.fsencode(folder), name + end) for end in (b".toml", b".wav"))
+    patch, out, flac = (os.path.join(os.fsencode(folder), name + end) for end in (b".toml", b".wav", b".flac"))
     shutil.copy(BALL, patch)
     command = [sys.executable, str(ROOT / "render.py")]
     told = {"capture_output": True, "timeout": 60.0, "cwd": folder}
     for words in (["check", patch], ["params", patch, "--json"]):
         done = subprocess.run([*command, *words], **told)
         assert done.returncode == 0 and done.stderr == b"", done.stderr
-    done = subprocess.run([*command, patch, "-o", out, "--seconds", "0.1"], **told)
-    assert done.returncode == 0 and done.stdout.endswith(name + b".wav\n")
-    assert soundfile.info(os.fsdecode(out) if name == NAMES[1] else out).frames == 4410
+    for sound in (flac, out):
+        done = subprocess.run([*command, patch, "-o", sound, "--seconds", "0.1"], **told)
+        assert done.returncode == 0 and done.stdout.endswith(os.path.basename(sound) + b"\n")
+        assert soundfile.info(os.fsdecode(sound) if name == NAMES[1] else sound).frames == 4410
     missing = subprocess.run([*command, "check", b"none" + name + b".toml"], **told)
     assert missing.returncode == 2 and b"Traceback" not in missing.stderr
 

@@ -14,6 +14,7 @@ from engine.live.shared_memory import SharedMemory
 from engine.runtime.event_slots import EventSlot
 
 COPY_NUMBERS = 3  # of a row of copies: where to, where from, and how many words
+COPIES, VALUES = "copies ", "values "  # beginnings of the names of what is added to a scene
 
 
 def add_copies(laid_out: SceneBytes, copies: Copies, values: int | None = None) -> tuple[int, int]:
@@ -29,7 +30,7 @@ def add_copies(laid_out: SceneBytes, copies: Copies, values: int | None = None) 
         if (target := laid_out.place_of_word(address)) is not None
     ]
     table = np.zeros((len(rows), COPY_NUMBERS), np.int64)
-    laid_out.add(f"copies {len(laid_out.values)}", table)
+    laid_out.add(f"{COPIES}{len(laid_out.values)}", table)
     begin = laid_out.place_of(table)
     for n, (target, source, words) in enumerate(rows):
         at = begin + WORD_BYTES * COPY_NUMBERS * n
@@ -44,7 +45,7 @@ def add_values(laid_out: SceneBytes, copies: Copies) -> int:
     numbers, read_from = copies.values.copy(), copies.values.ctypes.data
     for address, source, words in copies.table.tolist():
         _empty_unused(laid_out, address, numbers[(source - read_from) // WORD_BYTES :][:words])
-    laid_out.add(f"values {len(laid_out.values)}", numbers)
+    laid_out.add(f"{VALUES}{len(laid_out.values)}", numbers)
     return laid_out.place_of(numbers)
 
 

@@ -12,7 +12,7 @@ from engine.assembly.event_table import EventRow
 from engine.assembly.table_changes import NewValue, TableChanges, count_steps
 from engine.export.faults import CannotExport
 from engine.instrument.held_keys import PEDAL_STEPS, SOSTENUTO_HALF, damper_share
-from engine.instrument.key_names import note_name
+from engine.instrument.key_names import HIGHEST_KEY, note_name, plain_note_name
 from engine.instrument.key_sequencer import FULL_VELOCITY
 from engine.instrument.key_writer import KeyWriter
 from engine.instrument.score import Score
@@ -25,6 +25,7 @@ from engine.live.midi_notes import UNKNOWN_RELEASE, Note
 from engine.live.player import Player
 from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Slot
+from engine.live.voice_allocator import NOMINAL_VELOCITY, VELOCITY_EXPONENT
 from engine.patch.frames import nearest_frame
 from engine.patch.live_parameters import live_paths, value_at
 from engine.patch.live_ranges import live_range
@@ -42,6 +43,8 @@ LEAST_REACH = dict.fromkeys(("barrier", "gap", "rest"), LEAST_GAP) | {"velocity"
 MAX_SLIDERS = 24  # an instrument of many keys has hundreds of such numbers: then none is shown
 TRIED_SHARES = 0.0, 0.117, 0.25, 0.5003, 0.731, 1.0  # of a slider, at which its law is tried
 SLIDER_SECONDS = 0.02  # that its parameter takes to glide
+LOWEST_PAD = 36  # key of the first pad, as drums have it
+CHOKE_DAMPER = 1500.0, 0.01  # of a note that ends at once: decay rate, 1/s, and how long, s
 
 Rows = list[list[float]]
 
@@ -229,6 +232,39 @@ def pads_of_player(player: RowRecorder, velocity: float | None = None) -> list[P
         player.pluck(name)
         pads.append(Pad(name, "", 1.0, player.take_rows(), False))
     return pads
+
+
+def keys_of_pads(player: RowRecorder) -> list[Key]:
+    """Return the hammers and plucked bodies of a patch without keys as keys, from LOWEST_PAD: the harder, the faster or
+    stronger, as with notes on voices."""
+    shares = [(level / NOMINAL_VELOCITY) ** VELOCITY_EXPONENT for level in LEVELS]
+
+    def strike(name: str, share: float) -> Rows:
+        player.strike(name, share * player.default_velocity(name))
+        return player.take_rows()
+
+    def pluck(name: str, share: float) -> Rows:
+        player.pluck(name, share)
+        return player.take_rows()
+
+    pads = [(name, strike) for name in player.strikers] + [(name, pluck) for name in player.plucked]
+    last = HIGHEST_KEY + 1 - LOWEST_PAD
+    return [
+        Key(LOWEST_PAD + n, name, [play(name, share) for share in shares], [], [[]], [], [[]] * PEDAL_STEPS, [], [], None)
+        for n, (name, play) in enumerate(pads[:last])
+    ]
+
+
+def rows_of_choke(player: RowRecorder, key: Key) -> Rows:
+    """Return the rows that end the sound of a key at once: its bodies are damped; those of its dampers, if it has no
+    bodies of its own; all bodies, if it is a pad."""
+    beginning = f"{plain_note_name(key.number)}_"
+    bodies: list[str | None] = [body for body in player.layout.body_index if body.startswith(beginning)]
+    if player.patch.instrument is None:
+        bodies = [None]
+    for body in bodies:
+        player.damp(body, *CHOKE_DAMPER)
+    return player.take_rows() or key.steal
 
 
 class Law(NamedTuple):

@@ -60,6 +60,17 @@ class SceneBytes:
         """Return where an array begins. Raises KeyError for one that was not added."""
         return self._arrays[_key(array)]
 
+    def kept_values(self) -> list[tuple[str, Any]]:
+        """Return the values that were added, by their names."""
+        return list(self._kept.items())
+
+    def places_of_arrays(self, value: Any, but: Any = ()) -> Iterator[tuple[int, int]]:
+        """Yield place and size of each array of a value that was added, but for those of a record in it."""
+        left_out = set(map(_key, _arrays_of(but)))
+        for array in _arrays_of(value):
+            if array.size and _key(array) not in left_out:
+                yield self.place_of(array), array.nbytes
+
     def address(self, what: str | np.ndarray) -> int:
         """Return the address of a value, by its name, or of an array. Raises KeyError for one that was not added."""
         return self.base + (self.values[what] if isinstance(what, str) else self.place_of(what))

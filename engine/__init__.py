@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from engine.api.audio_input import AudioInput
     from engine.api.page import Page, export_page
     from engine.api.player import Player
+    from engine.api.plugin import export_plugin
     from engine.api.rendering import Rendering, render
     from engine.api.sweeping import run_sweep, run_sweep_rows
     from engine.faults import BuildError, PatchError, PatchWarning
@@ -36,6 +37,7 @@ __all__ = [
     "SoundForm",
     "estimate_error",
     "export_page",
+    "export_plugin",
     "load",
     "read_sweep",
     "read_sweep_rows",
@@ -50,6 +52,7 @@ _HOME = {
     "ErrorEstimate": "analysis.error_estimate",
     "estimate_error": "analysis.error_estimate",
     "export_page": "api.page",
+    "export_plugin": "api.plugin",
     "Page": "api.page",
     "PatchError": "faults",
     "PatchWarning": "faults",

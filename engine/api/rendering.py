@@ -190,7 +190,8 @@ class Rendering(RenderedArrays):
         if gain is not None and not -MAX_LEVEL <= (gain := checked_number("gain", gain)) <= MAX_LEVEL:
             raise ValueError(f"gain = {gain:g} is out of range; {-MAX_LEVEL:g} to {MAX_LEVEL:g} dB")
         form = replace(form, subtype=subtype, gain=gain, loudness=form.loudness if gain is None else None)
-        file = SoundFile(path, form, About(self.scene.title, kernel=self.stats.kernel))
+        author, licence = self.scene.author, self.scene.licence
+        file = SoundFile(path, form, About(self.scene.title, kernel=self.stats.kernel, author=author, licence=licence))
         sound = file.prepare(self.audio, self.samplerate, self.silence is not None)
         if cut := sound.clipping:
             remedy = f"gain={cut.safe_gain:.1f} fits"

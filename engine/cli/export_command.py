@@ -3,6 +3,7 @@
 import argparse
 import shlex
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,14 +21,15 @@ if TYPE_CHECKING:
 
 NATIVE = "x86_64-linux"
 KERNELS = ("general", "special")
+OF_PLUGIN = {"--format": "format", "--rates": "rates", "--system": "system"}  # options, each with its attribute
 
 
 def add_export_command(commands: "arguments.Commands") -> None:
     """Add `export` and its options."""
-    summary = "write a patch as a page that plays in any browser, or as a library in C"
+    summary = "write a patch as a page that plays in any browser, as a plug-in, or as a library in C"
     description = (
         f"{summary[0].upper()}{summary[1:]}. A page is one HTML file, which computes the sound itself and needs no"
-        " network. A library needs a C compiler."
+        " network. A plug-in is for programs for music. A library needs a C compiler."
     )
     parser = arguments.add_command(commands, "export", export_command, summary, description=description)
     arguments.add_patch(parser)
@@ -48,6 +50,14 @@ def add_export_command(commands: "arguments.Commands") -> None:
     arguments.add_options(
         parser,
         ("--voices", "N", "of a page: a keyboard on which a patch that is no instrument plays so many notes at a time"),
+        (
+            "--plugin",
+            "FOLDER",
+            "write plug-ins to a folder, which is made if it is not there, such as ~/.clap or ~/.lv2",
+        ),
+        ("--format", "NAME", "of a plug-in: clap or lv2 (default: as the folder is called, or both)"),
+        ("--rates", "44100,48000", "of a plug-in: sample rates that it has tables for (default: 44100,48000,96000)"),
+        ("--system", "NAME", "of a plug-in: linux, linux-aarch64, windows, macos, this or all (default: this)"),
         ("--c", "FOLDER", "write a library to a folder, which is made if it is not there"),
         ("--target", "NAME", f"of a library: machine that it is for, such as aarch64-linux (default: {NATIVE})"),
         "--seconds",
@@ -60,12 +70,24 @@ def add_export_command(commands: "arguments.Commands") -> None:
 def export_command(args: argparse.Namespace) -> int:
     """Write the page or the library of a patch; returns the exit code."""
     scene, faults = read_tuned_patch(args.patch, args)
-    faults += [*read_options(args), *(_faults_of_library(args) if args.c else _faults_of_page(args))]
-    scene = require_scene(scene, faults)
+    find_faults, export = _choose_form(args)
+    scene = require_scene(scene, [*faults, *read_options(args), *find_faults(args)])
     try:
-        return _export_library(args, scene) if args.c else _export_page(args, scene)
+        return export(args, scene)
     except CannotExport as error:
         raise CommandError(f"{args.patch}: {error}", 2) from None
+
+
+def _choose_form(args: argparse.Namespace) -> "tuple[Callable[..., list[Fault]], Callable[..., int]]":
+    """Return what finds the faults of the options of a form, and what writes it: a library, a plug-in or a page."""
+    if args.c:
+        return _faults_of_library, _export_library
+    return (_faults_of_plugin, _export_plugin) if args.plugin else (_faults_of_page, _export_page)
+
+
+def _faults_of_others(args: argparse.Namespace, names: Mapping[str, str], why: str) -> list[Fault]:
+    """Return a fault for each option that another form has. names: of options, each with its attribute"""
+    return [Fault(option, why) for option, name in names.items() if getattr(args, name) not in (None, [])]
 
 
 # --- a page
@@ -88,10 +110,11 @@ def _faults_of_page(args: argparse.Namespace) -> list[Fault]:
         faults.append(Fault("-o", f"{path}: a page is an .html file"))
     if not path.absolute().parent.is_dir():
         faults.append(Fault("-o", f"{path}: the folder is not there"))
-    for name in ("target", "seconds"):
-        if getattr(args, name) is not None:
-            faults.append(Fault(f"--{name}", "a page takes none; it is an option of a library (--c FOLDER)"))
-    return faults
+    of_library = {"--target": "target", "--seconds": "seconds"}
+    faults += _faults_of_others(args, of_library, "a page takes none; it is an option of a library (--c FOLDER)")
+    return faults + _faults_of_others(
+        args, OF_PLUGIN, "a page takes none; it is an option of a plug-in (--plugin FOLDER)"
+    )
 
 
 def _export_page(args: argparse.Namespace, scene: "Scene") -> int:
@@ -123,6 +146,54 @@ def _words(args: argparse.Namespace) -> list[str]:
     return [patch.stem if is_shipped(patch) else patch.name, *(word for option in options for word in option)]
 
 
+# --- a plug-in
+
+
+def _faults_of_plugin(args: argparse.Namespace) -> list[Fault]:
+    from engine.api.plugin import SYSTEMS
+    from engine.export.plugin import FORMATS
+
+    faults, folder = list[Fault](), Path(args.plugin).expanduser()
+    others = {"-o": "output", "--voices": "voices", "--target": "target", "--seconds": "seconds", "--kernel": "kernel"}
+    faults += _faults_of_others(args, others, "a plug-in takes none")
+    faults += _faults_of_others(args, {"--samplerate": "samplerate"}, "a plug-in has several; give --rates 44100,48000")
+    if args.format is not None and args.format not in FORMATS:
+        faults.append(Fault("--format", f"no format is called {args.format!r}; there are {' and '.join(FORMATS)}"))
+    if args.system is not None and args.system not in SYSTEMS:
+        faults.append(Fault("--system", f"no system is called {args.system!r}; there are {', '.join(SYSTEMS)}"))
+    if folder.is_file():
+        faults.append(Fault("--plugin", f"{args.plugin}: it is a file; give a folder"))
+    return faults
+
+
+def _read_rates(text: str | None) -> list[int]:
+    """Return the sample rates that an option lists. Raises CommandError."""
+    from engine.export.plugin_data import SAMPLERATES
+
+    try:
+        return list(SAMPLERATES) if text is None else [int(word) for word in text.split(",")]
+    except ValueError:
+        raise CommandError(f"--rates: {text!r} is no list of sample rates; 44100,48000 is one", 2) from None
+
+
+def _export_plugin(args: argparse.Namespace, scene: "Scene") -> int:
+    from engine.api.plugin import THIS, export_plugin
+    from engine.cli.progress import progress_feedback
+
+    rates, folder, name = _read_rates(args.rates), Path(args.plugin).expanduser(), Path(args.patch).stem
+    with memory_errors_explained("give fewer --rates or --slide"), progress_feedback("exporting") as progress:
+        try:
+            written = export_plugin(
+                *(scene, folder, name, args.format, rates, args.slide, args.system or THIS),
+                report=progress,
+            )
+        except OSError as error:
+            raise CommandError(f"{args.plugin}: {error_reason(error)}") from None
+    values = {"patch": args.patch, "rates": rates, "files": [str(path) for path in written]}
+    print_result(args.json, values, lambda: print(f"wrote {', '.join(map(str, written))}"))
+    return 0
+
+
 # --- a library
 
 
@@ -134,11 +205,10 @@ def _faults_of_library(args: argparse.Namespace) -> list[Fault]:
         faults.append(Fault("--c", f"{args.c}: the folder that it would be in is not there"))
     if target not in OF_LIBRARIES:
         faults.append(Fault("--target", f"no target is called {target!r}; there are {', '.join(OF_LIBRARIES)}"))
-    of_page = {"-o": args.output, "--slide": args.slide or None, "--voices": args.voices}
-    for name, value in of_page.items():
-        if value is not None:
-            faults.append(Fault(name, "it belongs to a page; a library goes to the folder of --c"))
-    return faults
+    of_page = {"-o": "output", "--slide": "slide", "--voices": "voices"}
+    faults += _faults_of_others(args, of_page, "it belongs to a page; a library goes to the folder of --c")
+    others = {"--plugin": "plugin", **OF_PLUGIN}
+    return faults + _faults_of_others(args, others, "it belongs to a plug-in; a library goes to the folder of --c")
 
 
 def _export_library(args: argparse.Namespace, scene: "Scene") -> int:

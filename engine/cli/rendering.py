@@ -77,7 +77,8 @@ def about_patch(scene: "Scene", args: argparse.Namespace, kernel: str) -> "About
     path, key = Path(args.patch), getattr(args, "key", None)
     title = scene.title or path.stem
     text = path.read_text("utf-8-sig", "replace")
-    return About(title, path.name, text, kernel=kernel, key=None if key is None else parse_key(key))
+    number = None if key is None else parse_key(key)
+    return About(title, path.name, text, kernel=kernel, key=number, author=scene.author, licence=scene.licence)
 
 
 def write_sound(scene: "Scene", args: argparse.Namespace, audio: "np.ndarray", kernel: str) -> dict[str, Any]:

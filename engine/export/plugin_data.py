@@ -1,12 +1,12 @@
 """The data file of a plug-in (.fdh): a patch at some sample rates, as `engine/export/plugin/fdh_file.c` reads it.
 
-All numbers are little-endian words of eight bytes. A head says what the file is; a table of sections says where each is,
-and its checksum. Sections are packed: all first bytes of their words, then all second ones, …, deflated (RFC 1951).
+All numbers are little-endian words of eight bytes. A head says what the file is; a table of sections says where each
+is, and its checksum. Sections are packed: all first bytes of their words, then all second ones, …, deflated (RFC 1951).
 """
 
 import struct
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -44,6 +44,7 @@ from engine.patch.scene import Scene
 from engine.provenance import ENGINE, version_of
 from engine.runtime.jobs import Job
 
+SAMPLERATES = 44_100, 48_000, 96_000  # Hz: those of most projects
 MAGIC = b"FDHPLUG1"
 HEAD_WORDS, SECTION_WORDS = 16, 8
 LEVEL_COUNT, NO_GROUP, NO_TABLE = len(LEVELS), -1, -1
@@ -55,6 +56,7 @@ RATE_NUMBERS = (  # of a sample rate: numbers, and then places in what each inst
     *("COUNTERS", "GAUGES", "EVENTS", "VALUES", "BALANCE", "SLEEP"),
 )
 MAX_RATES, MAX_OVERLAPPING = 8, 63
+LOWEST_RATE, HIGHEST_RATE = 8_000, 384_000  # Hz
 MEGABYTE = 1e6
 
 
@@ -67,7 +69,7 @@ class Section:
 class PluginSettings(NamedTuple):
     """Settings of a plug-in's data."""
 
-    samplerates: Sequence[int] = (44_100, 48_000, 96_000)  # Hz
+    samplerates: Sequence[int] = SAMPLERATES  # Hz
     slide: Sequence[str] = ()  # live parameters that are to have positions with tables of their own; or the wheel
 
 
@@ -75,6 +77,9 @@ class PluginData(NamedTuple):
     """A data file, and what a host's lists say of it."""
 
     content: bytes
+    title: str
+    author: str
+    licence: str
     channels: int
     controls: list[Slider | TableSlider]  # without the wheel
 
@@ -84,22 +89,22 @@ def make_plugin_data(
     name: str,
     find_gain: Callable[[], float],
     settings: PluginSettings,
-    about: Mapping[str, str] | None = None,
     report: Callable[[int], object] = lambda rate: None,
 ) -> PluginData:
     """Return the data file of a scene. name: of the plug-in
 
     find_gain: returns the factor on SI units, once it is known that the scene can become a plug-in
-    about:     its `author` and `licence`
     report:    is told each sample rate that is begun
 
-    Raises CannotExport (a ValueError) with the reason if the scene cannot become a plug-in, BuildError (a ValueError) if
-    it cannot be built.
+    Raises CannotExport (a ValueError) with the reason if the scene cannot become a plug-in, BuildError (a ValueError)
+    if it cannot be built.
     """
     check_output(scene, "a plug-in")
     rates = list(dict.fromkeys(settings.samplerates))
     if not 1 <= len(rates) <= MAX_RATES:
         raise CannotExport(f"a plug-in has 1 to {MAX_RATES} sample rates, not {len(rates)}")
+    if wrong := [rate for rate in rates if not LOWEST_RATE <= rate <= HIGHEST_RATE]:
+        raise CannotExport(f"{wrong[0]} Hz is no sample rate of a plug-in; {LOWEST_RATE} to {HIGHEST_RATE} Hz are")
     sections, made = list[tuple[int, int, bytes]](), list[_AtRate]()
     for rate in rates:
         report(rate)
@@ -111,8 +116,8 @@ def make_plugin_data(
     keyboard = scene.instrument["keyboard"] if scene.instrument is not None else {}
     numbers = [scene.channels, keyboard.get("polyphony") or 0, len(first.keys), len(first.controls), len(rates)]
     gain = struct.unpack("<q", struct.pack("<d", find_gain()))[0]
-    texts = [name, scene.title or name, *((about or {}).get(key, "") for key in ("author", "licence"))]
-    texts += [version_of(ENGINE), *(key.name for key in first.keys)]
+    texts = [name, scene.title or name, scene.author, scene.licence, version_of(ENGINE)]
+    texts += [key.name for key in first.keys]
     texts += [word for control in first.controls for word in (control.path, control.unit)]
     joined = b"".join(text.encode() + b"\0" for text in texts)
     head = [
@@ -120,7 +125,8 @@ def make_plugin_data(
         (Section.TEXTS, 0, joined + bytes(-len(joined) % 8)),
         (Section.LEVELS, 0, _words([*LEVELS, PEDAL_DOWN, *SHARES])),
     ]
-    return PluginData(_compose([*head, *sections]), scene.channels, [c for c in first.controls if c.path != BEND])
+    controls = [control for control in first.controls if control.path != BEND]
+    return PluginData(_compose([*head, *sections]), *texts[1:4], scene.channels, controls)
 
 
 class _AtRate:
@@ -201,7 +207,7 @@ class _AtRate:
 
 
 def _tables_of(laid_out: SceneBytes, player: RowRecorder, paths: dict[str, Any]) -> list[TableSlider]:
-    """Add the tables of sliders, and of the wheel of an instrument with strings, which are bent by their tension. Raises
+    """Add the tables of sliders, and of the wheel of an instrument with strings, which their tension bends. Raises
     CannotExport if one that is wanted is impossible."""
     tabled = {name: path for name, path in paths.items() if path is None or not path.is_glided}
     has_strings = any(isinstance(body, String) for body in player.scene.body)

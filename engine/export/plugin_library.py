@@ -1,4 +1,4 @@
-"""The library of plug-ins: our sources in C with the kernels that come with the engine, linked by Zig, which a package has,
+"""The library of plug-ins: our sources in C with the kernels that come with the engine, linked by the package ziglang
 for any system from any other."""
 
 import importlib.util
@@ -31,11 +31,21 @@ HEADERS = (
     "fdh_resampler.h",
     "lv2_abi.h",
 )
-SHELLS = {"clap": "fdh_clap.c", "lv2": "fdh_lv2.c"}  # of each format
+SHELLS = {"clap": "fdh_clap.c", "lv2": "fdh_lv2.c"}  # of each format …
+ENTRIES = {"clap": "clap_entry", "lv2": "lv2_lib_descriptor"}  # … and what hosts look for in it
 PARTS = "plain.o", "stages.o"  # of an archive: the kernels of scenes with one step a sample, and with stages
 NUMBERS = "fdh_numbers.h"
 MAX_CHANNELS = 64
-FLAGS = "-O2", "-std=gnu11", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-fno-sanitize=all", "-Wall", "-Wextra"
+FLAGS = (
+    "-O2",
+    "-std=gnu11",
+    "-shared",
+    "-fvisibility=hidden",
+    "-ffp-contract=off",
+    "-fno-sanitize=all",
+    "-Wall",
+    "-Wextra",
+)
 FAT_MAGIC, PAGE = 0xCAFEBABE, 1 << 14  # of a file of macOS that holds code for several processors
 
 
@@ -62,14 +72,16 @@ FAT_PROCESSORS = {"aarch64": (0x0100000C, 0), "x86_64": (0x01000007, 3)}  # as m
 def check_linker() -> None:
     """Raise CannotExport if Zig is not there."""
     if importlib.util.find_spec("ziglang") is None:
-        raise CannotExport("a plug-in is linked by Zig, which is a package: pip install 'fdh-engine[plugin]' (or ziglang)")
+        raise CannotExport(
+            "a plug-in is linked by Zig, which is a package: pip install 'fdh-engine[plugin]' (or ziglang)"
+        )
 
 
 def link_library(system: str, plugin_format: str) -> bytes:
     """Return the library of a format for a system, a key of BUILDS. Raises CannotExport if Zig or the kernels are
     missing."""
     check_linker()
-    linked = {build.triple.split("-")[0]: _link(build, SHELLS[plugin_format]) for build in BUILDS[system]}
+    linked = {build.triple.split("-")[0]: _link(build, plugin_format) for build in BUILDS[system]}
     return next(iter(linked.values())) if len(linked) == 1 else join_processors(linked)
 
 
@@ -87,12 +99,13 @@ def write_sources(folder: Path, levels: Mapping[int, str]) -> list[Path]:
     return [*(folder / name for name in SOURCES), *objects]
 
 
-def _link(build: Build, shell: str) -> bytes:
+def _link(build: Build, plugin_format: str) -> bytes:
     with tempfile.TemporaryDirectory(prefix="fdh-plugin-") as name:
         folder = Path(name)
-        inputs = [*write_sources(folder, build.levels), folder / shell]
+        inputs = [*write_sources(folder, build.levels), folder / SHELLS[plugin_format]]
+        folder.joinpath("exports.map").write_text(f"{{ global: {ENTRIES[plugin_format]}; local: *; }};\n", "ascii")
         command = [sys.executable, "-m", "ziglang", "cc", "-target", build.triple, *FLAGS, *_flags_of(build.triple)]
-        done = subprocess.run([*command, "-o", folder / "library", *inputs], capture_output=True, text=True)
+        done = subprocess.run([*command, "-o", folder / "library", *inputs], capture_output=True, text=True, cwd=folder)
         if done.returncode:
             raise CannotExport(f"the library could not be linked for {build.triple}: {done.stderr.strip()[-800:]}")
         return folder.joinpath("library").read_bytes()
@@ -100,7 +113,8 @@ def _link(build: Build, shell: str) -> bytes:
 
 def _flags_of(triple: str) -> list[str]:
     """Return flags of a system: without what a debugger would want, and with its library of functions."""
-    return ["-s"] if "windows" in triple else ["-s", "-lm"]
+    of_linux = ["-Wl,--version-script=exports.map"] * ("linux" in triple)  # kernels of another plug-in are not ours
+    return ["-s"] if "windows" in triple else ["-s", "-lm", *of_linux]
 
 
 def _kernels(target: Target, level: int, part: str) -> bytes:

@@ -250,7 +250,18 @@ def keys_of_pads(player: RowRecorder) -> list[Key]:
     pads = [(name, strike) for name in player.strikers] + [(name, pluck) for name in player.plucked]
     last = HIGHEST_KEY + 1 - LOWEST_PAD
     return [
-        Key(LOWEST_PAD + n, name, [play(name, share) for share in shares], [], [[]], [], [[]] * PEDAL_STEPS, [], [], None)
+        Key(
+            LOWEST_PAD + n,
+            name,
+            [play(name, share) for share in shares],
+            [],
+            [[]],
+            [],
+            [[]] * PEDAL_STEPS,
+            [],
+            [],
+            None,
+        )
         for n, (name, play) in enumerate(pads[:last])
     ]
 

@@ -17,7 +17,7 @@ class SharedBytes:
     """The two parts of a scene that was laid out at address 0.
 
     shared, own: their bytes
-    pointers: places in `own` of addresses, sorted, which are places in `own`, or in `shared` if they have the bit IS_SHARED
+    pointers: places in `own` of addresses, sorted; each is a place in `own`, or in `shared` if it has the bit IS_SHARED
     """
 
     def __init__(self, laid_out: SceneBytes) -> None:

@@ -51,6 +51,8 @@ class SceneTables(Table):
     """The tables of a patch, validated; `engine.patch.scene.Scene` adds what can be done with them."""
 
     title: str = Field(default="", description="title")
+    author: str = Field(default="", description="who made the patch, for the tags of sounds and for plug-ins")
+    licence: str = Field(default="", description="licence of the patch, such as CC BY 4.0, for the same")
     seconds: float = Field(default=2.0, gt=0.0, le=MAX_SECONDS, description="length of the sound, s")
     level: float | None = Field(
         default=None,

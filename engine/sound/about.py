@@ -37,10 +37,12 @@ class About:
     key: int | None = None  # MIDI number of the note that it is
     tempo: float | None = None  # quarter notes per minute
     markers: tuple[Marker, ...] = ()
+    author: str = ""
+    licence: str = ""
 
     def __post_init__(self) -> None:
         """Names and values come from files and words of a command, which may be any bytes."""
-        texts = {name: to_utf8_text(getattr(self, name)) for name in ("title", "patch", "text")}
+        texts = {name: to_utf8_text(getattr(self, name)) for name in ("title", "author", "licence", "patch", "text")}
         values = {to_utf8_text(key): to_utf8_text(value) for key, value in self.values.items()}
         for name, clean in {**texts, "values": values}.items():
             object.__setattr__(self, name, clean)
@@ -54,7 +56,13 @@ class About:
     def tags(self) -> dict[str, str]:
         """The description as files other than WAV have it: by the names of soundfile."""
         comment = f"{self.comment[:MAX_COMMENT]}; kernel {self.kernel}" if self.kernel else self.comment[:MAX_COMMENT]
-        return {"title": self.title, "software": program(), "comment": comment}
+        return {
+            "title": self.title,
+            "artist": self.author,
+            "license": self.licence,
+            "software": program(),
+            "comment": comment,
+        }
 
 
 def program() -> str:
@@ -87,7 +95,8 @@ def is_whole(path: Path) -> bool:
 def list_chunks(about: About, samplerate: int, shape: tuple[int, int], is_loop: bool) -> list[tuple[bytes, bytes]]:
     """Return the names and contents of the chunks that describe a sound."""
     frames, channels = shape
-    info = {b"INAM": about.title, b"ISFT": program(), b"ICMT": about.comment}
+    info = {b"INAM": about.title, b"IART": about.author, b"ICOP": about.licence}
+    info |= {b"ISFT": program(), b"ICMT": about.comment}
     chunks = [
         (b"LIST", b"INFO" + b"".join(_chunk(name, _text(value)) for name, value in info.items() if value)),
         (b"bext", _broadcast_extension(about)),

@@ -242,8 +242,9 @@ class SoundFolder:
         """Return the file of the sound of a point."""
         plan, values = self.plan, self.plan.values(number)
         key = parse_key(plan.note(plan.points[number - 1])[0]) if plan.has_notes else None
-        title = plan.data.get("title") or Path(plan.patch).stem
-        about = About(title, Path(plan.patch).name, self.text, values, KernelName.GENERAL, key)
+        title, patch = plan.data.get("title") or Path(plan.patch).stem, Path(plan.patch)
+        author, licence = (str(plan.data.get(name, "")) for name in ("author", "licence"))
+        about = About(title, patch.name, self.text, values, KernelName.GENERAL, key, author=author, licence=licence)
         return SoundFile(self.folder / self.name_of(number), self.form, about)
 
     def _note(self, sound: PreparedSound) -> None:

@@ -12,7 +12,13 @@ VERSION = (c.c_uint32 * 3)(1, 1, 8)
 
 
 class Header(c.Structure):
-    _fields_ = [("size", c.c_uint32), ("time", c.c_uint32), ("space", c.c_uint16), ("type", c.c_uint16), ("flags", c.c_uint32)]
+    _fields_ = [
+        ("size", c.c_uint32),
+        ("time", c.c_uint32),
+        ("space", c.c_uint16),
+        ("type", c.c_uint16),
+        ("flags", c.c_uint32),
+    ]
 
 
 class NoteEvent(c.Structure):
@@ -80,7 +86,10 @@ class Host(c.Structure):
 class Descriptor(c.Structure):
     _fields_ = [
         ("version", c.c_uint32 * 3),
-        *[(n, c.c_char_p) for n in ("id", "name", "vendor", "url", "manual", "support", "plugin_version", "description")],
+        *[
+            (n, c.c_char_p)
+            for n in ("id", "name", "vendor", "url", "manual", "support", "plugin_version", "description")
+        ],
         ("features", c.POINTER(c.c_char_p)),
     ]
 
@@ -91,9 +100,19 @@ def function(result, *arguments):
 
 class PluginTable(c.Structure):
     _fields_ = [
-        *[("desc", c.POINTER(Descriptor)), ("data", c.c_void_p), ("init", function(c.c_bool)), ("destroy", function(None))],
+        *[
+            ("desc", c.POINTER(Descriptor)),
+            ("data", c.c_void_p),
+            ("init", function(c.c_bool)),
+            ("destroy", function(None)),
+        ],
         ("activate", function(c.c_bool, c.c_double, c.c_uint32, c.c_uint32)),
-        *[("deactivate", function(None)), ("start", function(c.c_bool)), ("stop", function(None)), ("reset", function(None))],
+        *[
+            ("deactivate", function(None)),
+            ("start", function(c.c_bool)),
+            ("stop", function(None)),
+            ("reset", function(None)),
+        ],
         ("process", function(c.c_int32, c.POINTER(Process))),
         ("get_extension", function(c.c_void_p, c.c_char_p)),
         ("on_main_thread", function(None)),

@@ -48,7 +48,8 @@ def description_of(name: str, data: PluginData) -> str:
         "lv2:requiredFeature urid:map",
         "lv2:optionalFeature lv2:hardRTCapable, log:log",
     ]
-    lines += [f"doap:maintainer [ foaf:name {_text(author)} ]"] * bool(author)
+    project = f"a doap:Project ; doap:name {_text(title)} ; doap:maintainer [ foaf:name {_text(author)} ]"
+    lines += [f"lv2:project [ {project} ]"] * bool(author)
     lines += [f"rdfs:comment {_text(f'Licence: {licence}')}"] * bool(licence)
     lines += [f"doap:license <urn:licence:{quote(licence)}>"] * bool(licence)
     ports = " ,\n    ".join(f"[ lv2:index {n} ; {port} ]" for n, port in enumerate(_ports(data)))
@@ -73,7 +74,7 @@ def _ports(data: PluginData) -> Iterable[str]:
             shown = _text(f"%g {control.unit}")
             symbol = _text(control.unit)
             port += (
-                f" ; units:unit [ a units:Unit ; units:name {symbol} ; units:symbol {symbol} ; units:render {shown} ]"
+                f" ; units:unit [ a units:Unit ; rdfs:label {symbol} ; units:symbol {symbol} ; units:render {shown} ]"
             )
         yield port
 

@@ -116,7 +116,8 @@ def make_plugin_data(
     keyboard = scene.instrument["keyboard"] if scene.instrument is not None else {}
     numbers = [scene.channels, keyboard.get("polyphony") or 0, len(first.keys), len(first.controls), len(rates)]
     gain = struct.unpack("<q", struct.pack("<d", find_gain()))[0]
-    texts = [name, scene.title or name, scene.author, scene.licence, version_of(ENGINE)]
+    title = scene.title or name
+    texts = [name, title, scene.author, scene.licence, version_of(ENGINE)]
     texts += [key.name for key in first.keys]
     texts += [word for control in first.controls for word in (control.path, control.unit)]
     joined = b"".join(text.encode() + b"\0" for text in texts)
@@ -126,7 +127,7 @@ def make_plugin_data(
         (Section.LEVELS, 0, _words([*LEVELS, PEDAL_DOWN, *SHARES])),
     ]
     controls = [control for control in first.controls if control.path != BEND]
-    return PluginData(_compose([*head, *sections]), *texts[1:4], scene.channels, controls)
+    return PluginData(_compose([*head, *sections]), title, scene.author, scene.licence, scene.channels, controls)
 
 
 class _AtRate:

@@ -2,14 +2,20 @@
 itself. Addresses in the second name places in either."""
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from engine.export.exchange_bytes import COPIES, COPY_NUMBERS, VALUES
 from engine.export.scene_bytes import ALIGNMENT, MARGIN, NUMBER_BYTES, SceneBytes
+from engine.kernel.data.model import ConnectionCoefficients, ContactCoefficients, Events
 
+CHANGED: dict[type, tuple[str, ...]] = {  # arrays of records of a model that are not constant
+    Events: Events._fields,
+    ConnectionCoefficients: ("force_per_extension", "force_per_move", "made_for_stiffness", "made_for_damping"),
+    ContactCoefficients: ("compliance", "compliance_low", "coupling"),
+}
 IS_SHARED = 1 << 62  # in a place: it is one of the shared part
 
 
@@ -79,13 +85,25 @@ def _moved_spans(laid_out: SceneBytes) -> Iterable[_Span]:
 
 
 def _constant_arrays(laid_out: SceneBytes) -> Iterable[tuple[int, int]]:
-    """Yield place and size of each array that no kernel writes to: those of models but for their events, and the
+    """Yield place and size of each array that no kernel writes to: those of models but for what events change, and the
     numbers of exchanges of tables."""
     for name, value in laid_out.kept_values():
         if name.startswith("model "):
-            yield from laid_out.places_of_arrays(value, but=value.events)
+            yield from laid_out.places_of_arrays(value, but=tuple(_changed_arrays(value)))
         elif name.startswith(VALUES):
             yield from laid_out.places_of_arrays(value)
+
+
+def _changed_arrays(record: Any) -> Iterator[np.ndarray]:
+    """Yield the arrays of a model that kernels write to: events as they come, and the coefficients that follow when a
+    stiffness or a damping changes (engine.kernel.interactions.connection_factors)."""
+    if not isinstance(record, tuple):
+        return
+    changed = CHANGED.get(type(record), ())
+    for name, value in zip(getattr(record, "_fields", [""] * len(record)), record, strict=True):
+        if isinstance(value, np.ndarray) and name in changed:
+            yield value
+        yield from _changed_arrays(value)
 
 
 def _written_places(laid_out: SceneBytes) -> Iterable[int]:

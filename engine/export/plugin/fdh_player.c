@@ -321,8 +321,7 @@ void fdh_choke(fdh_player *p, int n) {
 }
 
 void fdh_silence(fdh_player *p) {
-    for (int n = 0; n < p->file->keys; n++)
-        if (p->down[n] || p->sounding[n]) fdh_choke(p, n);
+    for (int n = 0; n < p->file->keys; n++) fdh_choke(p, n); /* what others have set ringing ends, too */
 }
 
 void fdh_release_all(fdh_player *p) {

@@ -25,7 +25,7 @@ int fdh_find_key(const fdh_file *file, int number); /* index of a key by its num
 int fdh_note_on(fdh_player *player, int key, double velocity); /* 1 to 127; returns 0, or -1 if there was no room */
 void fdh_note_off(fdh_player *player, int key);
 void fdh_choke(fdh_player *player, int key);
-void fdh_silence(fdh_player *player); /* end all notes */
+void fdh_silence(fdh_player *player); /* end all sounds of keys */
 void fdh_release_all(fdh_player *player);
 void fdh_pedal(fdh_player *player, int pedal, int value); /* 0 to 127 */
 void fdh_bend(fdh_player *player, double share); /* of the wheel, -1 to 1 */

@@ -1,0 +1,59 @@
+/* Plays .fdh files as a host would, without any format of plug-ins: plugin_driver RATE FILE...; for each file a line says how
+ * it ended, and what kernels have changed of the numbers that all players share. Files may come on standard input. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fdh_midi.h"
+
+static long changed_words(fdh_file *file, const fdh_rate *at) {
+    int64_t size = at->shared_size;
+    unsigned char *now = malloc((size_t)size + 8);
+    long changed = 0;
+    memcpy(now, at->shared, (size_t)size);
+    int index = (int)(at - file->at);
+    fdh_release_rate(file, at); /* of the last player: unpacked anew, it is as it was written */
+    const fdh_rate *fresh = fdh_take_rate(file, index);
+    for (int64_t n = 0; fresh && n < size; n += 8) changed += memcmp(now + n, fresh->shared + n, 8) != 0;
+    free(now);
+    if (fresh) fdh_release_rate(file, fresh);
+    return changed;
+}
+
+static void play(fdh_player *player, const fdh_file *file) {
+    static float out[512 * 64];
+    for (int n = 0; n < file->keys && n < 12; n++) fdh_note_on(player, n, 10.0 * n + 7.5);
+    for (int block = 0; block < 24; block++) {
+        fdh_process(player, out, block % 2 ? 512 : 1);
+        uint8_t messages[][3] = {{0xb0, 64, 127}, {0x90, 60, 99}, {0xe0, 0, 100}, {0xb0, 66, 127}, {0xb0, 64, 30}, {0x80, 60, 1},
+                                 {0xb0, 67, 127}, {0x90, 62, 12}, {0xb0, 120, 0}, {0xb0, 121, 0}, {0xb0, 123, 0}, {0xe0, 0, 64}};
+        fdh_midi(player, file, messages[block / 2]);
+        for (int n = 0; n < file->controls && block == 11; n++) fdh_set(player, n, file->about_controls[n].high);
+        for (int n = 0; n < file->keys; n++) fdh_note_ended(player, n);
+    }
+    fdh_is_asleep(player);
+}
+
+int main(int count, char **words) {
+    char path[1024], fault[FDH_FAULT];
+    double rate = atof(words[1]);
+    for (int n = 2; n < count || (count == 2 && fgets(path, sizeof path, stdin)); n++) {
+        if (count > 2) snprintf(path, sizeof path, "%s", words[n]);
+        else path[strcspn(path, "\n")] = 0;
+        fdh_file *file = fdh_open(path);
+        fdh_player *player = file ? fdh_create(file, rate, fault) : NULL;
+        if (!player) printf("refused: %s\n", fault);
+        else {
+            play(player, file);
+            int index = 0;
+            for (int k = 0; k < file->rate_count; k++) index = file->at[k].players ? k : index;
+            const fdh_rate *at = fdh_take_rate(file, index);
+            fdh_reset(player);
+            play(player, file);
+            fdh_destroy(player);
+            printf("played, %ld changed\n", changed_words(file, at));
+        }
+        fdh_close(file);
+    }
+    return 0;
+}

@@ -11,7 +11,7 @@ from engine.argument_checks import checked_integer
 from engine.compiler.targets import ARM64
 from engine.export.plugin import FORMATS, PluginForms, export_plugin_files
 from engine.export.plugin_data import SAMPLERATES, PluginSettings
-from engine.export.plugin_library import BUILDS
+from engine.export.plugin_library import BUILDS, DPF, VST3
 from engine.patch.scene import Scene, check_scene
 
 THIS, ALL = "this", "all"
@@ -27,17 +27,19 @@ def export_plugin(
     samplerates: Sequence[int] = SAMPLERATES,
     slide: str | Sequence[str] = (),
     system: str = THIS,
+    dpf: str | Path = DPF,
     report: Callable[[float, str], object] = lambda share, phase: None,
 ) -> list[Path]:
-    """Write a scene as plug-ins that programs for music load: NAME.clap with NAME.fdh beside it, and NAME.lv2. Its keys
-    are notes; of a patch without a keyboard, hammers and plucks are notes from 36 (C2). Live parameters are parameters.
+    """Write a scene as plug-ins that programs for music load: NAME.clap with NAME.fdh beside it, and NAME.lv2, or NAME.vst3.
+    Its keys are notes; of a patch without a keyboard, hammers and plucks are notes from 36 (C2). Live parameters are parameters.
 
     folder:  made if it is not there; `~/.clap` and `~/.lv2` are where programs look for them
     name:    of the files, and of the plug-in for projects that use it
-    formats: "clap", "lv2" or both; if None, the one that the folder is named by, or else both
+    formats: "clap", "lv2", "vst3" or several; if None, the one that the folder is named by, or else clap and lv2
     samplerates: Hz, for which there are tables; at others the sound of the nearest is resampled
     slide:   live parameters that become parameters though each of their positions needs tables of its own
     system:  linux, linux-aarch64, windows, macos, this or all; all have folders of their own
+    dpf:     folder of the sources of DPF, with which "vst3" is compiled
     report:  is told the share that is done, and what is done next
 
     >>> import fdh
@@ -59,18 +61,20 @@ def export_plugin(
     systems = list(BUILDS) if system == ALL else [this_system() if system == THIS else system]
     settings = PluginSettings(rates, (slide,) if isinstance(slide, str) else slide)
     find_gain = partial(level_of, scene, rates[0] if rates else SAMPLERATES[0])
-    return export_plugin_files(scene, name, folder, PluginForms(chosen, systems), find_gain, settings, report)
+    return export_plugin_files(
+        scene, name, folder, PluginForms(chosen, systems, Path(dpf).expanduser()), find_gain, settings, report
+    )
 
 
 def formats_of(folder: Path, formats: str | Sequence[str] | None) -> list[str]:
     """Return the formats that are written to a folder. Raises ValueError for an unknown one."""
     if formats is None:
         by_name = folder.name.lower().lstrip(".")
-        return [by_name] if by_name in FORMATS else list(FORMATS)
+        return [by_name] if by_name in FORMATS else [one for one in FORMATS if one != VST3]
     chosen = [formats] if isinstance(formats, str) else list(formats)
     for one in chosen:
         if one not in FORMATS:
-            raise ValueError(f"no format of plug-ins is called {one!r}; there are {' and '.join(FORMATS)}")
+            raise ValueError(f"no format of plug-ins is called {one!r}; there are {', '.join(FORMATS)}")
     return chosen
 
 

@@ -21,7 +21,12 @@ if TYPE_CHECKING:
 
 NATIVE = "x86_64-linux"
 KERNELS = ("general", "special")
-OF_PLUGIN = {"--format": "format", "--rates": "rates", "--system": "system"}  # options, each with its attribute
+OF_PLUGIN = {
+    "--format": "format",
+    "--rates": "rates",
+    "--system": "system",
+    "--dpf": "dpf",
+}  # options, each with its attribute
 
 
 def add_export_command(commands: "arguments.Commands") -> None:
@@ -55,9 +60,10 @@ def add_export_command(commands: "arguments.Commands") -> None:
             "FOLDER",
             "write plug-ins to a folder, which is made if it is not there, such as ~/.clap or ~/.lv2",
         ),
-        ("--format", "NAME", "of a plug-in: clap or lv2 (default: as the folder is called, or both)"),
+        ("--format", "NAME", "of a plug-in: clap, lv2 or vst3 (default: as the folder is called, or clap and lv2)"),
         ("--rates", "44100,48000", "of a plug-in: sample rates that it has tables for (default: 44100,48000,96000)"),
         ("--system", "NAME", "of a plug-in: linux, linux-aarch64, windows, macos, this or all (default: this)"),
+        ("--dpf", "FOLDER", "of a plug-in of VST3: sources of DPF (default: those of Debian's dpf-source)"),
         ("--c", "FOLDER", "write a library to a folder, which is made if it is not there"),
         ("--target", "NAME", f"of a library: machine that it is for, such as aarch64-linux (default: {NATIVE})"),
         "--seconds",
@@ -158,7 +164,7 @@ def _faults_of_plugin(args: argparse.Namespace) -> list[Fault]:
     faults += _faults_of_others(args, others, "a plug-in takes none")
     faults += _faults_of_others(args, {"--samplerate": "samplerate"}, "a plug-in has several; give --rates 44100,48000")
     if args.format is not None and args.format not in FORMATS:
-        faults.append(Fault("--format", f"no format is called {args.format!r}; there are {' and '.join(FORMATS)}"))
+        faults.append(Fault("--format", f"no format is called {args.format!r}; there are {', '.join(FORMATS)}"))
     if args.system is not None and args.system not in SYSTEMS:
         faults.append(Fault("--system", f"no system is called {args.system!r}; there are {', '.join(SYSTEMS)}"))
     if folder.is_file():
@@ -179,12 +185,13 @@ def _read_rates(text: str | None) -> list[int]:
 def _export_plugin(args: argparse.Namespace, scene: "Scene") -> int:
     from engine.api.plugin import THIS, export_plugin
     from engine.cli.progress import progress_feedback
+    from engine.export.plugin_library import DPF
 
     rates, folder, name = _read_rates(args.rates), Path(args.plugin).expanduser(), Path(args.patch).stem
     with memory_errors_explained("give fewer --rates or --slide"), progress_feedback("exporting") as progress:
         try:
             written = export_plugin(
-                *(scene, folder, name, args.format, rates, args.slide, args.system or THIS),
+                *(scene, folder, name, args.format, rates, args.slide, args.system or THIS, args.dpf or DPF),
                 report=progress,
             )
         except OSError as error:

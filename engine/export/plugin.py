@@ -9,12 +9,13 @@ from typing import NamedTuple
 from engine.export.faults import CannotExport
 from engine.export.lv2_text import description_of, manifest_of
 from engine.export.plugin_data import PluginData, PluginSettings, make_plugin_data
-from engine.export.plugin_library import check_linker, link_library
+from engine.export.plugin_library import CLAP, DPF, LV2, VST3, check_dpf, check_linker, link_library
+from engine.export.vst3_text import info_of
 from engine.output_files import atomic_write, write_text
 from engine.patch.scene import Scene
 
-CLAP, LV2 = "clap", "lv2"
-FORMATS = CLAP, LV2
+FORMATS = CLAP, LV2, VST3
+FOLDERS_OF_VST3 = {"linux": "x86_64-linux", "linux-aarch64": "aarch64-linux", "windows": "x86_64-win", "macos": "MacOS"}
 LIBRARY_WORK = 10_000  # of linking one, where tables for a sample rate are so many as it has Hz
 ENDINGS = {"windows": ".dll", "macos": ".dylib"}  # of libraries in bundles of LV2; elsewhere .so
 PROPERTIES = """<?xml version="1.0" encoding="UTF-8"?>
@@ -29,11 +30,13 @@ class PluginForms(NamedTuple):
     """What is written of a plug-in.
 
     formats: of FORMATS
-    systems: keys of BUILDS; for several, each has a folder of its own
+    systems: keys of engine.export.plugin_library.BUILDS; for several, each has a folder of its own
+    dpf:     folder of the sources of DPF, for VST3
     """
 
     formats: Sequence[str]
     systems: Sequence[str]
+    dpf: Path = DPF
 
 
 def export_plugin_files(
@@ -54,6 +57,8 @@ def export_plugin_files(
     BuildError (a ValueError) if it cannot be built, OSError if a file cannot be written.
     """
     check_linker()
+    if VST3 in forms.formats:
+        check_dpf(forms.dpf)
     name = re.sub(r"[^\w-]", "_", name, flags=re.ASCII)
     rates, written = list(settings.samplerates), list[Path]()
     work = sum(rates) + LIBRARY_WORK * len(forms.systems) * len(forms.formats)
@@ -66,9 +71,9 @@ def export_plugin_files(
         place = folder if len(forms.systems) == 1 else folder / system
         for plugin_format in forms.formats:
             report((sum(rates) + LIBRARY_WORK * len(written)) / work, f"library for {system}, {plugin_format.upper()}")
-            library = link_library(system, plugin_format)
+            library = link_library(system, plugin_format, info_of(name, data), forms.dpf)
             place.mkdir(parents=True, exist_ok=True)
-            write = _write_clap if plugin_format == CLAP else _write_lv2
+            write = {CLAP: _write_clap, LV2: _write_lv2, VST3: _write_vst3}[plugin_format]
             written.append(write(place, name, system, library, data))
     return written
 
@@ -95,6 +100,19 @@ def _write_lv2(place: Path, name: str, system: str, library: bytes, data: Plugin
     _write_bytes(bundle / binary, library)
     write_text(bundle / "patch.ttl", description_of(name, data))
     write_text(bundle / "manifest.ttl", manifest_of(name, binary))
+    return bundle
+
+
+def _write_vst3(place: Path, name: str, system: str, library: bytes, data: PluginData) -> Path:
+    bundle = place / f"{name}.vst3"
+    of_system, resources = bundle / "Contents" / FOLDERS_OF_VST3[system], bundle / "Contents" / "Resources"
+    for folder in (of_system, resources):
+        folder.mkdir(parents=True, exist_ok=True)
+    _write_bytes(resources / "patch.fdh", data.content)
+    if system == "macos":
+        write_text(bundle / "Contents" / "Info.plist", PROPERTIES.format(name=name))
+    ending = {"windows": ".vst3", "macos": ""}.get(system, ".so")
+    _write_bytes(of_system / f"{name}{ending}", library)
     return bundle
 
 

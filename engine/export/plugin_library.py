@@ -31,14 +31,20 @@ HEADERS = (
     "fdh_resampler.h",
     "lv2_abi.h",
 )
-SHELLS = {"clap": "fdh_clap.c", "lv2": "fdh_lv2.c"}  # of each format …
-ENTRIES = {"clap": "clap_entry", "lv2": "lv2_lib_descriptor"}  # … and what hosts look for in it
+CLAP, LV2, VST3 = "clap", "lv2", "vst3"
+SHELLS = {CLAP: "fdh_clap.c", LV2: "fdh_lv2.c", VST3: "fdh_vst3.cpp"}  # of each format …
+ENTRIES = {  # … and what hosts look for in it
+    CLAP: "clap_entry",
+    LV2: "lv2_lib_descriptor",
+    VST3: "GetPluginFactory; ModuleEntry; ModuleExit",
+}
+INFO = "DistrhoPluginInfo.h"  # what DPF reads of a plug-in
+DPF = Path("/usr/share/dpf")  # where Debian's package dpf-source puts it
 PARTS = "plain.o", "stages.o"  # of an archive: the kernels of scenes with one step a sample, and with stages
 NUMBERS = "fdh_numbers.h"
 MAX_CHANNELS = 64
 FLAGS = (
     "-O2",
-    "-std=gnu11",
     "-shared",
     "-fvisibility=hidden",
     "-ffp-contract=off",
@@ -46,6 +52,7 @@ FLAGS = (
     "-Wall",
     "-Wextra",
 )
+FLAGS_OF_DPF = "-DDISTRHO_PLUGIN_TARGET_VST3", "-DHAVE_PTHREAD", "-w"
 FAT_MAGIC, PAGE = 0xCAFEBABE, 1 << 14  # of a file of macOS that holds code for several processors
 
 
@@ -77,11 +84,24 @@ def check_linker() -> None:
         )
 
 
-def link_library(system: str, plugin_format: str) -> bytes:
-    """Return the library of a format for a system, a key of BUILDS. Raises CannotExport if Zig or the kernels are
-    missing."""
+def check_dpf(folder: Path) -> None:
+    """Raise CannotExport if the sources of DPF are not in a folder."""
+    if not folder.joinpath("distrho", "DistrhoPluginMain.cpp").is_file():
+        raise CannotExport(
+            f"VST3 needs the sources of DPF, which are not in {folder}: install Debian's dpf-source, or give --dpf"
+            " FOLDER with a copy of github.com/DISTRHO/DPF"
+        )
+
+
+def link_library(system: str, plugin_format: str, info: str = "", dpf: Path = DPF) -> bytes:
+    """Return the library of a format for a system, a key of BUILDS. Raises CannotExport if Zig, the kernels or DPF are
+    missing.
+
+    info, dpf: of VST3: what DPF is to know of the plug-in, and the folder of its sources
+    """
     check_linker()
-    linked = {build.triple.split("-")[0]: _link(build, plugin_format) for build in BUILDS[system]}
+    added = {} if plugin_format != VST3 else {INFO: info}
+    linked = {b.triple.split("-")[0]: _link(b, plugin_format, added, dpf) for b in BUILDS[system]}
     return next(iter(linked.values())) if len(linked) == 1 else join_processors(linked)
 
 
@@ -99,12 +119,21 @@ def write_sources(folder: Path, levels: Mapping[int, str]) -> list[Path]:
     return [*(folder / name for name in SOURCES), *objects]
 
 
-def _link(build: Build, plugin_format: str) -> bytes:
+def _link(build: Build, plugin_format: str, added: Mapping[str, str], dpf: Path) -> bytes:
     with tempfile.TemporaryDirectory(prefix="fdh-plugin-") as name:
         folder = Path(name)
         inputs = [*write_sources(folder, build.levels), folder / SHELLS[plugin_format]]
         folder.joinpath("exports.map").write_text(f"{{ global: {ENTRIES[plugin_format]}; local: *; }};\n", "ascii")
-        command = [sys.executable, "-m", "ziglang", "cc", "-target", build.triple, *FLAGS, *_flags_of(build.triple)]
+        flags = [*FLAGS, *_flags_of(build.triple)]
+        for file, text in added.items():
+            folder.joinpath(file).write_text(text, "utf-8")
+        if plugin_format == VST3:
+            check_dpf(dpf)
+            inputs.append(dpf / "distrho" / "DistrhoPluginMain.cpp")
+            flags += ["-Wl,-z,nodelete"] * ("linux" in build.triple)  # its destructors run when the host ends
+            flags += [*FLAGS_OF_DPF, f"-I{dpf / 'distrho'}", f"-I{dpf / 'distrho' / 'src'}", "-I."]
+        compiler = "c++" if plugin_format == VST3 else "cc"
+        command = [sys.executable, "-m", "ziglang", compiler, "-target", build.triple, *flags]
         done = subprocess.run([*command, "-o", folder / "library", *inputs], capture_output=True, text=True, cwd=folder)
         if done.returncode:
             raise CannotExport(f"the library could not be linked for {build.triple}: {done.stderr.strip()[-800:]}")

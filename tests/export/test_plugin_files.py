@@ -122,7 +122,7 @@ def test_the_validator_of_lv2_finds_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["--format", "vst"], "--format: no format is called 'vst'; there are clap and lv2"),
+        (["--format", "vst"], "--format: no format is called 'vst'; there are clap, lv2, vst3"),
         (["--system", "beos"], "--system: no system is called 'beos'"),
         (["--rates", "44k"], "--rates: '44k' is no list of sample rates; 44100,48000 is one"),
         (["--rates", "12"], "12 Hz is no sample rate of a plug-in"),

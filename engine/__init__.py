@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from engine.api.plugin import export_plugin
     from engine.api.rendering import Rendering, render
     from engine.api.sweeping import run_sweep, run_sweep_rows
+    from engine.export.plugin import PluginForm
     from engine.faults import BuildError, PatchError, PatchWarning
     from engine.patch.scene import Scene, load
     from engine.sound.form import SoundForm
@@ -32,6 +33,7 @@ __all__ = [
     "PatchError",
     "PatchWarning",
     "Player",
+    "PluginForm",
     "Rendering",
     "Scene",
     "SoundForm",
@@ -53,6 +55,7 @@ _HOME = {
     "estimate_error": "analysis.error_estimate",
     "export_page": "api.page",
     "export_plugin": "api.plugin",
+    "PluginForm": "export.plugin",
     "Page": "api.page",
     "PatchError": "faults",
     "PatchWarning": "faults",

@@ -26,6 +26,7 @@ Whole scripts to copy are in the [examples](examples/README.md).
 | know how exact it is | `rendering.stats.energy`, `rendering.stats.trusted`, `estimate_error` |
 | compute many sounds | `run_sweep_rows`, `run_sweep` |
 | play in a browser, or in a notebook | `Rendering.page`, `export_page` |
+| play in a program for music | `export_plugin`, `PluginForm` |
 | play on an audio device | `Player.start`, `Player.strike`, `Player.set` |
 | play in your own callback | `Player.render_into`, `Player.read`; [the rules](live.md#your-own-audio-callback) |
 | handle errors | `PatchError` and `BuildError` are ValueErrors, and their `faults` list what is wrong |
@@ -66,6 +67,8 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "Player": ("fdh", (*PLAYING, *EVENTS, *READINGS)),
     "AudioInput": ("fdh", ()),
     "export_page": ("fdh", ()),
+    "export_plugin": ("fdh", ()),
+    "PluginForm": ("fdh", ()),
     "Page": ("fdh", ("save",)),
     "SoundForm": ("fdh", ()),
     "PatchError": ("fdh", ()),

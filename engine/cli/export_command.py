@@ -156,8 +156,7 @@ def _words(args: argparse.Namespace) -> list[str]:
 
 
 def _faults_of_plugin(args: argparse.Namespace) -> list[Fault]:
-    from engine.api.plugin import SYSTEMS
-    from engine.export.plugin import FORMATS
+    from engine.export.plugin import FORMATS, SYSTEMS
 
     faults, folder = list[Fault](), Path(args.plugin).expanduser()
     others = {"-o": "output", "--voices": "voices", "--target": "target", "--seconds": "seconds", "--kernel": "kernel"}
@@ -183,17 +182,17 @@ def _read_rates(text: str | None) -> list[int]:
 
 
 def _export_plugin(args: argparse.Namespace, scene: "Scene") -> int:
-    from engine.api.plugin import THIS, export_plugin
+    from engine.api.plugin import export_plugin
     from engine.cli.progress import progress_feedback
+    from engine.export.plugin import THIS, PluginForm
     from engine.export.plugin_library import DPF
 
-    rates, folder, name = _read_rates(args.rates), Path(args.plugin).expanduser(), Path(args.patch).stem
+    rates, folder = _read_rates(args.rates), Path(args.plugin).expanduser()
+    formats, dpf = None if args.format is None else [args.format], Path(args.dpf or DPF).expanduser()
+    form = PluginForm(formats, rates, args.slide, args.system or THIS, dpf)
     with memory_errors_explained("give fewer --rates or --slide"), progress_feedback("exporting") as progress:
         try:
-            written = export_plugin(
-                *(scene, folder, name, args.format, rates, args.slide, args.system or THIS, args.dpf or DPF),
-                report=progress,
-            )
+            written = export_plugin(scene, folder, Path(args.patch).stem, form, progress)
         except OSError as error:
             raise CommandError(f"{args.plugin}: {error_reason(error)}") from None
     values = {"patch": args.patch, "rates": rates, "files": [str(path) for path in written]}

@@ -1,4 +1,4 @@
-"""What a bundle of LV2 says of its plug-in, in Turtle: its ports, names and ranges."""
+"""Descriptions of plug-ins in bundles of LV2, in Turtle: ports, names and ranges."""
 
 from collections.abc import Iterable
 from urllib.parse import quote

@@ -67,14 +67,20 @@ class Section:
 
 
 class PluginSettings(NamedTuple):
-    """Settings of a plug-in's data."""
+    """Settings of a plug-in's data.
 
+    find_gain: returns the factor on SI units; called once it is known that the scene can become a plug-in
+    slide:     live parameters that are to have positions with tables of their own; or the wheel
+    """
+
+    name: str
+    find_gain: Callable[[], float]
     samplerates: Sequence[int] = SAMPLERATES  # Hz
-    slide: Sequence[str] = ()  # live parameters that are to have positions with tables of their own; or the wheel
+    slide: Sequence[str] = ()
 
 
 class PluginData(NamedTuple):
-    """A data file, and what a host's lists say of it."""
+    """A data file, with names, outputs and parameters for descriptions of the plug-in."""
 
     content: bytes
     title: str
@@ -85,16 +91,9 @@ class PluginData(NamedTuple):
 
 
 def make_plugin_data(
-    scene: Scene,
-    name: str,
-    find_gain: Callable[[], float],
-    settings: PluginSettings,
-    report: Callable[[int], object] = lambda rate: None,
+    scene: Scene, settings: PluginSettings, tell: Callable[[int], object] = lambda rate: None
 ) -> PluginData:
-    """Return the data file of a scene. name: of the plug-in
-
-    find_gain: returns the factor on SI units, once it is known that the scene can become a plug-in
-    report:    is told each sample rate that is begun
+    """Return the data file of a scene. tell: called with each sample rate that is begun
 
     Raises CannotExport (a ValueError) with the reason if the scene cannot become a plug-in, BuildError (a ValueError)
     if it cannot be built.
@@ -107,7 +106,7 @@ def make_plugin_data(
         raise CannotExport(f"{wrong[0]} Hz is no sample rate of a plug-in; {LOWEST_RATE} to {HIGHEST_RATE} Hz are")
     sections, made = list[tuple[int, int, bytes]](), list[_AtRate]()
     for rate in rates:
-        report(rate)
+        tell(rate)
         made.append(_AtRate(scene, rate, settings))
         sections += made[-1].sections
     first = made[0]
@@ -115,7 +114,8 @@ def make_plugin_data(
         raise CannotExport("its keys or live parameters are others at another sample rate; give one of --rates")
     keyboard = scene.instrument["keyboard"] if scene.instrument is not None else {}
     numbers = [scene.channels, keyboard.get("polyphony") or 0, len(first.keys), len(first.controls), len(rates)]
-    gain = struct.unpack("<q", struct.pack("<d", find_gain()))[0]
+    gain = struct.unpack("<q", struct.pack("<d", settings.find_gain()))[0]
+    name = settings.name
     title = scene.title or name
     texts = [name, title, scene.author, scene.licence, version_of(ENGINE)]
     texts += [key.name for key in first.keys]
@@ -131,7 +131,7 @@ def make_plugin_data(
 
 
 class _AtRate:
-    """What a file has for a sample rate."""
+    """Contents of a file for a sample rate."""
 
     def __init__(self, scene: Scene, rate: int, settings: PluginSettings) -> None:
         has_keys = scene.instrument is not None
@@ -165,7 +165,7 @@ class _AtRate:
 
     @property
     def names(self) -> list[Any]:
-        """What must be the same at all rates."""
+        """Keys and parameters, which must be the same at all rates."""
         return [[key.number for key in self.keys], [(one.path, one.unit) for one in self.controls]]
 
     def _add(self, rows: Rows) -> tuple[int, int]:

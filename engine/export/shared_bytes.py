@@ -9,12 +9,11 @@ import numpy as np
 
 from engine.export.exchange_bytes import COPIES, COPY_NUMBERS, VALUES
 from engine.export.scene_bytes import ALIGNMENT, MARGIN, NUMBER_BYTES, SceneBytes
-from engine.kernel.data.model import ConnectionCoefficients, ContactCoefficients, Events
+from engine.kernel.data.model import Events
 
-CHANGED: dict[type, tuple[str, ...]] = {  # arrays of records of a model that are not constant
-    Events: Events._fields,
-    ConnectionCoefficients: ("force_per_extension", "force_per_move", "made_for_stiffness", "made_for_damping"),
-    ContactCoefficients: ("compliance", "compliance_low", "coupling"),
+CHANGED = {  # arrays of a model that kernels make anew when a stiffness or a damping changes
+    *("force_per_extension", "force_per_move", "made_for_stiffness", "made_for_damping"),
+    *("compliance", "compliance_low", "coupling"),
 }
 IS_SHARED = 1 << 62  # in a place: it is one of the shared part
 
@@ -95,13 +94,11 @@ def _constant_arrays(laid_out: SceneBytes) -> Iterable[tuple[int, int]]:
 
 
 def _changed_arrays(record: Any) -> Iterator[np.ndarray]:
-    """Yield the arrays of a model that kernels write to: events as they come, and the coefficients that follow when a
-    stiffness or a damping changes (engine.kernel.interactions.connection_factors)."""
+    """Yield the arrays of a model that kernels write to: events as they come, and CHANGED."""
     if not isinstance(record, tuple):
         return
-    changed = CHANGED.get(type(record), ())
     for name, value in zip(getattr(record, "_fields", [""] * len(record)), record, strict=True):
-        if isinstance(value, np.ndarray) and name in changed:
+        if isinstance(value, np.ndarray) and (name in CHANGED or isinstance(record, Events)):
             yield value
         yield from _changed_arrays(value)
 

@@ -1,4 +1,4 @@
-"""What DPF is told of a plug-in of VST3, when it is compiled for its patch."""
+"""Descriptions of plug-ins of VST3, as DPF reads them when it compiles one."""
 
 import json
 import zlib

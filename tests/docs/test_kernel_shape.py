@@ -79,7 +79,7 @@ def test_the_shape_is_no_worse_than_it_was(counts):
     assert counts.kernel_lines > 0 and counts.none_tests  # or nothing was counted
     ceilings = {
         "lines of the kernel": 9_118,
-        "lines of the engine": 53_480,  # 1700 of them for files, from cuts to materials; 1100 for rigs and tunings
+        "lines of the engine": 54_600,  # 1700 of them for files, 1100 for rigs and tunings, 1100 for plug-ins
         "functions of more than 6 arguments": 8,
         "predicates of the kernel that write": 0,
         "files that know friction": 32,

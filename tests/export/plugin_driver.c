@@ -1,5 +1,5 @@
 /* Plays .fdh files as a host would, without any format of plug-ins: plugin_driver RATE FILE...; for each file a line says how
- * it ended, and what kernels have changed of the numbers that all players share. Files may come on standard input. */
+ * it ended, what kernels have changed of the numbers that all players share, and a checksum of the samples. Files may come on standard input. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,11 +20,14 @@ static long changed_words(fdh_file *file, const fdh_rate *at) {
     return changed;
 }
 
-static void play(fdh_player *player, const fdh_file *file) {
+static uint32_t play(fdh_player *player, const fdh_file *file) {
+    uint32_t sum = 2166136261u;
     static float out[512 * 64];
     for (int n = 0; n < file->keys && n < 12; n++) fdh_note_on(player, n, 10.0 * n + 7.5);
     for (int block = 0; block < 24; block++) {
-        fdh_process(player, out, block % 2 ? 512 : 1);
+        int frames = block % 2 ? 512 : 1;
+        fdh_process(player, out, frames);
+        for (size_t n = 0; n < sizeof(float) * (size_t)(frames * file->channels); n++) sum = (sum ^ ((unsigned char *)out)[n]) * 16777619u;
         uint8_t messages[][3] = {{0xb0, 64, 127}, {0x90, 60, 99}, {0xe0, 0, 100}, {0xb0, 66, 127}, {0xb0, 64, 30}, {0x80, 60, 1},
                                  {0xb0, 67, 127}, {0x90, 62, 12}, {0xb0, 120, 0}, {0xb0, 121, 0}, {0xb0, 123, 0}, {0xe0, 0, 64}};
         fdh_midi(player, file, messages[block / 2]);
@@ -32,6 +35,7 @@ static void play(fdh_player *player, const fdh_file *file) {
         for (int n = 0; n < file->keys; n++) fdh_note_ended(player, n);
     }
     fdh_is_asleep(player);
+    return sum;
 }
 
 int main(int count, char **words) {
@@ -44,14 +48,14 @@ int main(int count, char **words) {
         fdh_player *player = file ? fdh_create(file, rate, fault) : NULL;
         if (!player) printf("refused: %s\n", fault);
         else {
-            play(player, file);
+            uint32_t sum = play(player, file);
             int index = 0;
             for (int k = 0; k < file->rate_count; k++) index = file->at[k].players ? k : index;
             const fdh_rate *at = fdh_take_rate(file, index);
             fdh_reset(player);
-            play(player, file);
+            int is_again = play(player, file) == sum;
             fdh_destroy(player);
-            printf("played, %ld changed\n", changed_words(file, at));
+            printf("played, %ld changed, %s%08x\n", changed_words(file, at), is_again ? "" : "not again ", sum);
         }
         fdh_close(file);
     }

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from engine.api.page import level_of
-from engine.api.plugin import this_system
+from engine.export.plugin import this_system
 from engine.export.plugin_data import PluginSettings, make_plugin_data
 from engine.export.plugin_library import link_library
 from engine.export.row_recorder import LOWEST_PAD, SLIDER_SECONDS, player_of_keys
@@ -61,7 +61,7 @@ class Plugin(NamedTuple):
 def write_plugin(scene, folder, rates=(RATE,), slide=(), name="patch"):
     """Write a scene as a plug-in of CLAP to a folder."""
     gain = level_of(scene, rates[0])
-    data = make_plugin_data(scene, name, lambda: gain, PluginSettings(rates, slide))
+    data = make_plugin_data(scene, PluginSettings(name, lambda: gain, rates, slide))
     path = folder / f"{name}.clap"
     path.write_bytes(library_of("clap"))
     path.with_suffix(".fdh").write_bytes(data.content)

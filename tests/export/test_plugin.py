@@ -357,11 +357,11 @@ def test_files_that_cannot_be_played_are_refused_in_a_sentence(tines, tmp_path):
 def test_what_cannot_be_exported_says_why(tmp_path):
     scene = engine.load("bouncing_ball")
     with pytest.raises(CannotExport, match="sample rate"):
-        make_plugin_data(scene, "x", lambda: 1.0, PluginSettings([100]))
+        make_plugin_data(scene, PluginSettings("x", lambda: 1.0, [100]))
     with pytest.raises(CannotExport, match="1 to 8 sample rates"):
-        make_plugin_data(scene, "x", lambda: 1.0, PluginSettings([]))
+        make_plugin_data(scene, PluginSettings("x", lambda: 1.0, []))
     with pytest.raises(CannotExport, match="no_such"):
-        make_plugin_data(scene, "x", lambda: 1.0, PluginSettings([44_100], ["no_such"]))
+        make_plugin_data(scene, PluginSettings("x", lambda: 1.0, [44_100], ["no_such"]))
 
 
 @pytest.mark.hard

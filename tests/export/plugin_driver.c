@@ -6,6 +6,20 @@
 
 #include "fdh_midi.h"
 
+#ifdef FDH_COUNT /* linked with --wrap=malloc,--wrap=calloc,--wrap=realloc,--wrap=free: what is called while it plays */
+static int is_playing;
+static long calls;
+void *__real_malloc(size_t), *__real_calloc(size_t, size_t), *__real_realloc(void *, size_t);
+void __real_free(void *);
+void *__wrap_malloc(size_t size) { return calls += is_playing, __real_malloc(size); }
+void *__wrap_calloc(size_t count, size_t size) { return calls += is_playing, __real_calloc(count, size); }
+void *__wrap_realloc(void *old, size_t size) { return calls += is_playing, __real_realloc(old, size); }
+void __wrap_free(void *old) { calls += is_playing, __real_free(old); }
+#else
+static int is_playing;
+static const long calls = 0;
+#endif
+
 static long changed_words(fdh_file *file, const fdh_rate *at) {
     int64_t size = at->shared_size;
     unsigned char *now = malloc((size_t)size + 8);
@@ -48,14 +62,16 @@ int main(int count, char **words) {
         fdh_player *player = file ? fdh_create(file, rate, fault) : NULL;
         if (!player) printf("refused: %s\n", fault);
         else {
+            is_playing = 1;
             uint32_t sum = play(player, file);
+            fdh_reset(player);
+            is_playing = 0;
             int index = 0;
             for (int k = 0; k < file->rate_count; k++) index = file->at[k].players ? k : index;
             const fdh_rate *at = fdh_take_rate(file, index);
-            fdh_reset(player);
             int is_again = play(player, file) == sum;
             fdh_destroy(player);
-            printf("played, %ld changed, %s%08x\n", changed_words(file, at), is_again ? "" : "not again ", sum);
+            printf("played, %ld changed, %ld calls, %s%08x\n", changed_words(file, at), calls, is_again ? "" : "not again ", sum);
         }
         fdh_close(file);
     }

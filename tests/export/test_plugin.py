@@ -123,7 +123,6 @@ def test_a_patch_without_keys_has_pads(name, tmp_path):
     assert is_same(plugin.active().render(FRAMES, events_of(messages)), expected)
 
 
-@pytest.mark.slow
 @pytest.mark.hard
 @pytest.mark.parametrize("name", shipped_names())
 def test_every_shipped_patch_is_a_plugin(name, tmp_path):

@@ -209,6 +209,19 @@ def test_kernels_leave_what_instances_share_as_it_is(name, driver, tmp_path):
 
 
 @needs_gcc
+@pytest.mark.parametrize("rate", [RATE, 88_200])
+def test_nothing_is_allocated_while_it_plays(rate, tmp_path):
+    """Neither by notes, pedals and sliders nor by a reset, nor where it is resampled."""
+    skip_if_stale()
+    inputs, wrapped = write_sources(tmp_path, {3: "linux-x86-64-v3"}), ("malloc", "calloc", "realloc", "free")
+    flags = [f"-I{tmp_path}", "-DFDH_COUNT", *(f"-Wl,--wrap={name}" for name in wrapped)]
+    subprocess.run([GCC, "-O1", *flags, "-o", tmp_path / "driver", DRIVER, *inputs, "-lm"], check=True)
+    plugin = write_plugin(engine.load("piano_c4"), tmp_path)
+    (said,) = run_driver(tmp_path / "driver", [plugin.data], rate)
+    assert said.startswith("played, 0 changed, 0 calls, ")
+
+
+@needs_gcc
 @pytest.mark.hard
 def test_damaged_files_are_refused(driver, tmp_path):
     """10 000 files, of which bytes are changed, cut off or others', and where what this code reads is changed together

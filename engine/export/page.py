@@ -230,8 +230,9 @@ def compose(data: Mapping[str, Any], about: Mapping[str, str]) -> str:
 
 
 def template(name: str) -> str:
-    """Return a file that pages are made of."""
-    return files("engine.export").joinpath(PAGE, name).read_text("utf-8")
+    """Return a file that pages are made of, scripts without the lines that are remarks."""
+    text = files("engine.export").joinpath(PAGE, name).read_text("utf-8")
+    return re.sub(r"(?m)^\s*//.*\n", "", text) if name.endswith(".js") else text
 
 
 def _digest(text: str) -> str:
@@ -250,7 +251,17 @@ def _packed(content: bytes) -> str:
 
 
 def _json(data: Mapping[str, Any]) -> str:
-    return json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return json.dumps(_shortened(data), separators=(",", ":"), allow_nan=False)
+
+
+def _shortened(node: Any) -> Any:
+    """Return data in which whole numbers are integers, without a point and a zero."""
+    if isinstance(node, Mapping):
+        return {name: _shortened(inner) for name, inner in node.items()}
+    if isinstance(node, list | tuple):
+        return [_shortened(inner) for inner in node]
+    is_whole = isinstance(node, float) and node.is_integer() and str(node) != "-0.0"
+    return int(node) if is_whole else node
 
 
 def _escaped_json(data: Mapping[str, Any]) -> str:

@@ -31,7 +31,7 @@ from engine.patch.live_parameters import live_paths, value_at
 from engine.patch.live_ranges import live_range
 from engine.patch.scene import Scene
 
-LEVELS = (1, 16, 32, 48, 64, 80, 96, 112, 127)  # MIDI velocities; rows between two of them are interpolated
+LEVELS = (1, 2, 4, 8, 16, 32, 48, 64, 80, 96, 112, 127)  # MIDI velocities; rows between two of them are interpolated
 RELEASE = UNKNOWN_RELEASE  # MIDI velocity with which a page lets keys go
 # of how many PEDAL_STEPS the sustain pedal leaves to the dampers, by how far MIDI says that it is down
 SHARES = [round(PEDAL_STEPS * damper_share(value / FULL_VELOCITY)) for value in range(128)]

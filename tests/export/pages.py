@@ -66,6 +66,7 @@ def messages_of_midi(messages):
       const sent = [];
       let now = 0;
       window.send = message => sent.push({ ...message, at: now });
+      playing ||= true; // what is moved before is sent when it begins
       for (const [frame, data] of MESSAGES) {
         now = frame;
         hear({ data });

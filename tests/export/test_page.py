@@ -117,7 +117,7 @@ def test_a_page_with_a_kernel_of_its_own_has_the_samples_of_the_engine(tmp_path,
     name = "barrier_quadratic"
     page, data = page_of(name, kernel="special")
     page.save(tmp_path / "page.html")
-    assert len(page.html) < 110_000
+    assert len(page.html) < 140_000  # 20 kB of them draw what moves
     audio = engine.render(engine.load(name), seconds=SECONDS, cores=1).audio * data["gain"]
     played, meter = played_in_node(tmp_path / "page.html", len(audio))
     np.testing.assert_allclose(played, audio, rtol=0.0, atol=1e-7 * np.abs(audio).max())

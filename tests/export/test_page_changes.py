@@ -47,7 +47,7 @@ def notes_and_pedals(keys):
         (4096, "off", b, 64),
         (6144, "sustain", 0, 79),
         (8192, "soft", 0, 70),
-        (8192, "on", c, 112),
+        (8192, "on", c, 127),
         (10240, "off", c, 64),
         (12288, "sostenuto", 0, 63),
         (16384, "sustain", 0, 0),
@@ -59,7 +59,7 @@ def notes_of_voices(keys):
     a, b, c = keys[len(keys) // 2], keys[0], keys[-1]
     return [
         (0, "on", a, 80),
-        (2048, "on", b, 112),
+        (2048, "on", b, 127),
         (3072, "sostenuto", 0, 127),
         (4096, "off", a, 64),
         (4096, "off", b, 64),
@@ -82,7 +82,7 @@ def notes_that_end_others(keys):
         (3072, "on", c, 80),
         (4096, "off", b, 64),
         (5120, "sustain", 0, 127),
-        (6144, "on", d, 112),
+        (6144, "on", d, 127),
         (7168, "off", d, 64),
         (8192, "on", a, 64),
         (10240, "sustain", 0, 0),
@@ -103,7 +103,7 @@ def notes_that_take_voices(keys):
         (2048, "on", b, 96),
         (4096, "on", c, 80),
         (4096, "off", c, 64),
-        (6144, "on", a, 112),
+        (6144, "on", a, 127),
         (8192, "off", a, 64),
         (38_400, "on", d, 64),
         (39_424, "off", d, 64),
@@ -304,6 +304,7 @@ def test_sliders_of_a_page_exchange_the_tables_that_live_sound_would(name, order
           const sent = [];
           let now = 0;
           window.send = message => sent.push({ ...message, at: now });
+          playing ||= true; // what is moved before is sent when it begins
           const inputs = [...document.querySelectorAll("#sliders input")].slice(-COUNT);
           for (const [frame, n, place] of MOVES) {
             now = frame;
@@ -343,6 +344,7 @@ def test_the_sliders_of_a_page_have_the_values_of_live_sound(name, tmp_path):
     wanted = [[slider.law.row_value(value) for value in some] for slider, some in zip(sliders, values, strict=True)]
     with Browser(tmp_path / "browser") as browser:
         browser.open(tmp_path / "page.html")
+        browser.ask("started")
         asked = f"{json.dumps(values)}.map((some, n) => some.map(x => sliderRows(fdh.data.sliders[n], x)[0][6]))"
         assert browser.ask(asked) == wanted
     assert len(sliders) > 0

@@ -77,6 +77,8 @@ class PatchWatcher:
                 return []
             self._seen = stamp
             return [*map(str, error.faults), "the previous version keeps playing"]
+        if self._stamp() != stamp:  # it was saved while it was read: it is read once more
+            return []
         self._seen = stamp
         parameters = changed_parameters(self.scene, scene)
         if parameters is not None and set(parameters) <= set(self.player.live_parameters):

@@ -63,6 +63,24 @@ def test_what_is_saved_is_heard(tmp_path):
     assert player.finished
 
 
+def test_a_file_that_is_saved_while_it_is_read_is_taken_once(tmp_path, monkeypatch):
+    """An editor writes a file in pieces: what is read between two of them may be whole, and the last one is the same."""
+    watch, loads = watched(tmp_path / "patch.toml"), []
+    text = PIANO.read_text("utf-8").replace("exponent = 2.5", "exponent = 2.4")
+
+    def load_between(path):
+        scene = engine.load(path)
+        if not loads:
+            watch.path.write_text(text + "\n", "utf-8")
+        loads.append(scene)
+        return scene
+
+    monkeypatch.setattr("engine.live.hot_reload.load", load_between)
+    watch.path.write_text(text, "utf-8")
+    assert waited(watch) == ["Piano, C4: switched to the new version"]
+    assert len(loads) == 2 and [watch.poll() for _ in range(3)] == [[], [], []]
+
+
 def test_a_file_that_is_half_written_is_no_fault(tmp_path):
     """An editor may empty a file before it writes it; what stays wrong is said, once."""
     watch = watched(tmp_path / "patch.toml")

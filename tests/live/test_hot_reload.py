@@ -64,7 +64,7 @@ def test_what_is_saved_is_heard(tmp_path):
 
 
 def test_a_file_that_is_saved_while_it_is_read_is_taken_once(tmp_path, monkeypatch):
-    """An editor writes a file in pieces: what is read between two of them may be whole, and the last one is the same."""
+    """An editor writes a file in pieces: what is read between two of them may be whole already."""
     watch, loads = watched(tmp_path / "patch.toml"), []
     text = PIANO.read_text("utf-8").replace("exponent = 2.5", "exponent = 2.4")
 

@@ -10,14 +10,12 @@ from engine.export.plugin import PluginForm, write_plugins
 from engine.export.plugin_data import SAMPLERATES, PluginSettings
 from engine.patch.scene import Scene, check_scene
 
-DEFAULT_FORM = PluginForm()
-
 
 def export_plugin(
     scene: Scene,
     folder: str | Path,
     name: str,
-    form: PluginForm = DEFAULT_FORM,
+    form: PluginForm | None = None,
     report: Callable[[float, str], object] | None = None,
 ) -> list[Path]:
     """Write a scene as plug-ins that programs for music load: NAME.clap with NAME.fdh beside it, NAME.lv2, NAME.vst3.
@@ -26,7 +24,7 @@ def export_plugin(
 
     folder: made if it is not there; `~/.clap` and `~/.lv2` are where programs look for them
     name:   of the files, and of the plug-in for projects that use it
-    form:   formats, sample rates, systems
+    form:   formats, sample rates, systems; `PluginForm()` if None
     report: called with the share that is done, and what is done next
 
     >>> import fdh
@@ -40,6 +38,7 @@ def export_plugin(
     check_scene(scene)
     if not name or not isinstance(name, str):
         raise ValueError("name = '' names no plug-in; give the name of its files")
+    form = form or PluginForm()
     rates = [checked_integer("samplerates", rate) for rate in form.samplerates]
     find_gain = partial(level_of, scene, rates[0] if rates else SAMPLERATES[0])
     settings = PluginSettings(name, find_gain, rates, (form.slide,) if isinstance(form.slide, str) else form.slide)

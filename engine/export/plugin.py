@@ -100,18 +100,18 @@ def write_plugins(
     settings = settings._replace(name=re.sub(r"[^\w-]", "_", settings.name, flags=re.ASCII))
     work, written = sum(rates) + LIBRARY_WORK * len(systems) * len(formats), list[Path]()
 
-    def tell(done: float, phase: str) -> None:
+    def report_work(done: float, phase: str) -> None:
         if report is not None:
             report(done / work, phase)
 
-    def tell_rate(rate: int) -> None:
-        tell(sum(rates[: rates.index(rate)]), f"tables for {rate} Hz")
+    def report_rate(rate: int) -> None:
+        report_work(sum(rates[: rates.index(rate)]), f"tables for {rate} Hz")
 
-    data = make_plugin_data(scene, settings, tell_rate)
+    data = make_plugin_data(scene, settings, report_rate)
     for system in systems:
         place = folder if len(systems) == 1 else folder / system
         for plugin_format in formats:
-            tell(sum(rates) + LIBRARY_WORK * len(written), f"library for {system}, {plugin_format.upper()}")
+            report_work(sum(rates) + LIBRARY_WORK * len(written), f"library for {system}, {plugin_format.upper()}")
             library = link_library(system, plugin_format, info_of(settings.name, data), Path(form.dpf))
             place.mkdir(parents=True, exist_ok=True)
             write = {CLAP: _write_clap, LV2: _write_lv2, VST3: _write_vst3}[plugin_format]

@@ -63,7 +63,7 @@ MEGABYTE = 1e6
 class Section:
     """Kinds of sections of a file."""
 
-    NUMBERS, TEXTS, LEVELS, RATE, SHARED, OWN, POINTERS, ROWS, KEYS, CONTROLS, POSITIONS = range(1, 12)
+    NUMBERS, TEXTS, LEVELS, RATE, SHARED, PRIVATE, POINTERS, ROWS, KEYS, CONTROLS, POSITIONS = range(1, 12)
 
 
 class PluginSettings(NamedTuple):
@@ -91,9 +91,9 @@ class PluginData(NamedTuple):
 
 
 def make_plugin_data(
-    scene: Scene, settings: PluginSettings, tell: Callable[[int], object] = lambda rate: None
+    scene: Scene, settings: PluginSettings, report: Callable[[int], object] = lambda rate: None
 ) -> PluginData:
-    """Return the data file of a scene. tell: called with each sample rate that is begun
+    """Return the data file of a scene. report: called with each sample rate that is begun
 
     Raises CannotExport (a ValueError) with the reason if the scene cannot become a plug-in, BuildError (a ValueError)
     if it cannot be built.
@@ -106,7 +106,7 @@ def make_plugin_data(
         raise CannotExport(f"{wrong[0]} Hz is no sample rate of a plug-in; {LOWEST_RATE} to {HIGHEST_RATE} Hz are")
     sections, made = list[tuple[int, int, bytes]](), list[_AtRate]()
     for rate in rates:
-        tell(rate)
+        report(rate)
         made.append(_AtRate(scene, rate, settings))
         sections += made[-1].sections
     first = made[0]
@@ -140,8 +140,8 @@ class _AtRate:
         laid_out = lay_out_player(player.memory, pointer_bytes=8, base=0)
         add_queued_exchanges(laid_out, player.memory.shared, player.tables.exchanges)
         keys = (keys_of_player if has_keys else keys_of_pads)(player)
-        found = add_key_tables(laid_out, player, {"keys": [key._asdict() for key in keys]})
-        self.keys = [Key(**key) for key in found["keys"]]
+        tables_of_keys = add_key_tables(laid_out, player, {"keys": [key._asdict() for key in keys]})
+        self.keys = [Key(**key) for key in tables_of_keys["keys"]]
         self._chokes = [rows_of_choke(player, key) for key in self.keys]
         paths = paths_of_sliders(player, settings.slide)
         tables = _tables_of(laid_out, player, paths)
@@ -154,7 +154,7 @@ class _AtRate:
         sections = {
             Section.RATE: _words(_numbers_of(player, laid_out, parts)),
             Section.SHARED: bytes(parts.shared),
-            Section.OWN: bytes(parts.own),
+            Section.PRIVATE: bytes(parts.private),
             Section.POINTERS: _words(parts.pointers),
             Section.ROWS: bytes(self._rows),
             Section.KEYS: spans,
@@ -232,7 +232,7 @@ def _numbers_of(player: RowRecorder, laid_out: SceneBytes, parts: SharedBytes) -
     }
     numbers = {"HAS_STAGES": int(player.model.refinement is not None)}
     numbers |= {"ISLANDS": len(player.state.sleep), "REST": player.state.sleep.shape[1]}
-    numbers |= {name.upper(): parts.own_place(place) for name, place in places.items()}
+    numbers |= {name.upper(): parts.private_place(place) for name, place in places.items()}
     return [numbers[name] for name in RATE_NUMBERS]
 
 

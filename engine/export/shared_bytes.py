@@ -21,24 +21,25 @@ IS_SHARED = 1 << 62  # in a place: it is one of the shared part
 class SharedBytes:
     """The two parts of a scene that was laid out at address 0.
 
-    shared, own: their bytes
-    pointers: places in `own` of addresses, sorted; each is a place in `own`, or in `shared` if it has the bit IS_SHARED
+    shared, private: their bytes
+    pointers: places in `private` of addresses, sorted; each is a place in `private`, or in `shared` if it has the bit
+              IS_SHARED
     """
 
     def __init__(self, laid_out: SceneBytes) -> None:
         self._moved = list(_moved_spans(laid_out))
         self._begins = [span.begin for span in self._moved]
         size = sum(span.is_shared * (span.end - span.begin) for span in self._moved)
-        self.shared, self.own = bytearray(size), bytearray(len(laid_out.content) - size)
+        self.shared, self.private = bytearray(size), bytearray(len(laid_out.content) - size)
         for span in self._moved:
-            part = self.shared if span.is_shared else self.own
+            part = self.shared if span.is_shared else self.private
             part[span.to : span.to + span.end - span.begin] = laid_out.content[span.begin : span.end]
         self.pointers = list[int]()
         for place in sorted(set(laid_out.pointers)):
             target = int.from_bytes(laid_out.content[place : place + NUMBER_BYTES], "little", signed=True)
             at, is_shared = self._find(place)
             assert not is_shared  # an address is never among the numbers that stay
-            self.own[at : at + NUMBER_BYTES] = self.place(target).to_bytes(NUMBER_BYTES, "little")
+            self.private[at : at + NUMBER_BYTES] = self.place(target).to_bytes(NUMBER_BYTES, "little")
             self.pointers.append(at)
 
     def place(self, old: int) -> int:
@@ -46,7 +47,7 @@ class SharedBytes:
         at, is_shared = self._find(old)
         return at | IS_SHARED * is_shared
 
-    def own_place(self, old: int) -> int:
+    def private_place(self, old: int) -> int:
         """Return where a place of the scene is in the part of each instance."""
         at, is_shared = self._find(old)
         assert not is_shared
@@ -68,19 +69,19 @@ class _Span(NamedTuple):
 
 def _moved_spans(laid_out: SceneBytes) -> Iterable[_Span]:
     """Yield all bytes of a scene as spans, in their order."""
-    written, begin, own, shared = sorted(_written_places(laid_out)), 0, 0, 0
+    written, begin, private, shared = sorted(_written_places(laid_out)), 0, 0, 0
     for first, size in sorted(_constant_arrays(laid_out)):
         end = min(len(laid_out.content), -(-(first + size + MARGIN) // ALIGNMENT) * ALIGNMENT)
         at = bisect_left(written, first)
         if first < begin or (at < len(written) and written[at] < end):
             continue
         if begin < first:
-            yield _Span(begin, first, own, False)
-            own += first - begin
+            yield _Span(begin, first, private, False)
+            private += first - begin
         yield _Span(first, end, shared, True)
         shared += end - first
         begin = end
-    yield _Span(begin, len(laid_out.content), own, False)
+    yield _Span(begin, len(laid_out.content), private, False)
 
 
 def _constant_arrays(laid_out: SceneBytes) -> Iterable[tuple[int, int]]:

@@ -13,7 +13,7 @@
 enum { HEAD_WORDS = 16, SECTION_WORDS = 8, FORMAT = 1, NUMBER_COUNT = 6, ALIGNMENT = 64 };
 enum { LENGTH = 2, SOURCES, SECTIONS, TABLE_SUM, MAGIC = 0, VERSION }; /* words of the head */
 enum { KIND, RATE, PLACE, PACKED, WHOLE, PACKED_SUM, SUM }; /* words of a section */
-enum { NUMBERS = 1, TEXTS, LEVELS, OF_RATE, SHARED, OWN, POINTERS, ROWS, KEYS, CONTROLS, POSITIONS };
+enum { NUMBERS = 1, TEXTS, LEVELS, OF_RATE, SHARED, PRIVATE, POINTERS, ROWS, KEYS, CONTROLS, POSITIONS };
 static const int64_t IS_SHARED = (int64_t)1 << 62;
 
 static int fail(fdh_file *file, const char *format, ...) {
@@ -206,8 +206,8 @@ static int read_about(fdh_file *file) {
         if (file->rates[n] < 1000 || file->rates[n] > 1000000) return fail(file, "%.150s is damaged: its rates are impossible", file->path);
     if (listed != file->rate_count) return fail(file, "%.150s is damaged: a sample rate is missing", file->path);
     rate = file->rates[0];
-    const int64_t *found = find_section(file, POSITIONS, (int)rate), *of_rows = find_section(file, ROWS, (int)rate);
-    positions = found ? found[WHOLE] / 8 : 0, rows = of_rows ? of_rows[WHOLE] / (int64_t)sizeof(fdh_row) : 0;
+    const int64_t *of_positions = find_section(file, POSITIONS, (int)rate), *of_rows = find_section(file, ROWS, (int)rate);
+    positions = of_positions ? of_positions[WHOLE] / 8 : 0, rows = of_rows ? of_rows[WHOLE] / (int64_t)sizeof(fdh_row) : 0;
     file->about_controls = unpack(file, CONTROLS, (int)rate, &size);
     if (!file->about_controls) return -1;
     if (size != (int64_t)sizeof(fdh_control) * file->controls || check_controls(file, file->about_controls, rows, positions))
@@ -280,12 +280,12 @@ const char *fdh_control_unit(const fdh_file *file, int control) { return text_at
 
 /* --- a sample rate */
 
-static int is_own(const fdh_rate *at, int64_t place, int64_t bytes) {
-    return place >= 0 && place % 8 == 0 && bytes >= 0 && bytes <= at->own_size && place <= at->own_size - bytes;
+static int is_private(const fdh_rate *at, int64_t place, int64_t bytes) {
+    return place >= 0 && place % 8 == 0 && bytes >= 0 && bytes <= at->private_size && place <= at->private_size - bytes;
 }
 
 static int is_anywhere(const fdh_rate *at, int64_t place, int64_t bytes) {
-    if (!(place & IS_SHARED)) return is_own(at, place, bytes);
+    if (!(place & IS_SHARED)) return is_private(at, place, bytes);
     place &= ~IS_SHARED;
     return place >= 0 && place % 8 == 0 && bytes >= 0 && bytes <= at->shared_size && place <= at->shared_size - bytes;
 }
@@ -293,8 +293,8 @@ static int is_anywhere(const fdh_rate *at, int64_t place, int64_t bytes) {
 static int check_pointers(const fdh_rate *at) {
     int64_t place;
     for (int64_t n = 0; n < at->pointer_count; n++) {
-        if (!is_own(at, at->pointers[n], 8) || (n && at->pointers[n] <= at->pointers[n - 1])) return -1;
-        memcpy(&place, at->own + at->pointers[n], 8);
+        if (!is_private(at, at->pointers[n], 8) || (n && at->pointers[n] <= at->pointers[n - 1])) return -1;
+        memcpy(&place, at->private_bytes + at->pointers[n], 8);
         if (!is_anywhere(at, place, 0)) return -1;
     }
     return 0;
@@ -310,14 +310,14 @@ static int is_pointer(const fdh_rate *at, int64_t place) {
     return low < at->pointer_count && at->pointers[low] == place;
 }
 
-/* Exchanges of tables write where the file says: each copy goes from a part to the own part, by addresses. */
+/* Exchanges of tables write where the file says: each copy goes from a part to the private part, by addresses. */
 static int check_copies(const fdh_rate *at, int64_t table, int64_t count) {
-    if (count < 0 || count > at->own_size / 24 || !is_own(at, table, 24 * count)) return -1;
+    if (count < 0 || count > at->private_size / 24 || !is_private(at, table, 24 * count)) return -1;
     for (int64_t n = 0; n < count; n++, table += 24) {
         int64_t copy[3];
-        memcpy(copy, at->own + table, sizeof copy);
-        if (!is_pointer(at, table) || !is_pointer(at, table + 8) || copy[2] < 0 || copy[2] > at->own_size / 8) return -1;
-        if (!is_own(at, copy[0], 8 * copy[2]) || !is_anywhere(at, copy[1], 8 * copy[2])) return -1;
+        memcpy(copy, at->private_bytes + table, sizeof copy);
+        if (!is_pointer(at, table) || !is_pointer(at, table + 8) || copy[2] < 0 || copy[2] > at->private_size / 8) return -1;
+        if (!is_private(at, copy[0], 8 * copy[2]) || !is_anywhere(at, copy[1], 8 * copy[2])) return -1;
     }
     return 0;
 }
@@ -325,7 +325,7 @@ static int check_copies(const fdh_rate *at, int64_t table, int64_t count) {
 static int check_event(const fdh_rate *at, const fdh_row *row) {
     const int64_t *n = row->number, islands = at->numbers[FDH_RATE_ISLANDS];
     if (n[0] < 0 || n[0] >= FDH_KINDS || n[1] < 0 || n[1] >= islands || n[4] < 0 || n[5] < 0 || n[4] > (int64_t)1 << 40) return -1;
-    if (n[2] < 0 || n[3] < n[2] || n[3] > at->own_size / 8) return -1;
+    if (n[2] < 0 || n[3] < n[2] || n[3] > at->private_size / 8) return -1;
     if (n[0] != FDH_EXCHANGE) return row->table == -1 ? 0 : -1;
     return n[3] > islands ? -1 : check_copies(at, row->table, n[5]);
 }
@@ -340,7 +340,7 @@ static int check_rate(const fdh_rate *at) {
     if (islands < 1 || islands > 1 << 20 || n[FDH_RATE_REST] < 1 || n[FDH_RATE_REST] > 64) return -1;
     sizes[FDH_RATE_SLEEP] = 8 * islands * n[FDH_RATE_REST];
     for (int k = FDH_RATE_MEMORY; k < FDH_RATE_NUMBERS; k++)
-        if (!is_own(at, n[k], sizes[k])) return -1;
+        if (!is_private(at, n[k], sizes[k])) return -1;
     if (check_pointers(at)) return -1;
     for (int64_t k = 0; k < at->row_count; k++)
         if (check_event(at, at->rows + k)) return -1;
@@ -356,7 +356,7 @@ static void free_rate(fdh_rate *at) {
     free((void *)(uintptr_t)at->keys);
     free((void *)(uintptr_t)at->controls);
     free((void *)(uintptr_t)at->positions);
-    free(at->own);
+    free(at->private_bytes);
     free(at->memory);
     memset(at, 0, sizeof *at);
 }
@@ -370,7 +370,7 @@ static int unpack_rate(fdh_file *file, fdh_rate *at, int rate) {
     at->memory = malloc((size_t)at->shared_size + 2 * ALIGNMENT);
     if (at->memory) at->shared = memcpy(aligned(at->memory), shared, (size_t)at->shared_size);
     free(shared);
-    if (!at->memory || !(at->own = unpack(file, OWN, rate, &at->own_size))) return -1;
+    if (!at->memory || !(at->private_bytes = unpack(file, PRIVATE, rate, &at->private_size))) return -1;
     if (!(at->pointers = unpack(file, POINTERS, rate, &size))) return -1;
     at->pointer_count = size / 8;
     if (!(at->rows = unpack(file, ROWS, rate, &size))) return -1;

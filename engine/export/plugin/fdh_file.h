@@ -28,8 +28,8 @@ typedef struct {
 typedef struct { /* a sample rate, unpacked: what all players of it read */
     int rate, players;
     const int64_t *numbers; /* FDH_RATE_… */
-    unsigned char *shared, *own; /* `shared` is read in its place; of `own` each player has a copy */
-    int64_t shared_size, own_size, pointer_count, row_count;
+    unsigned char *shared, *private_bytes; /* `shared` is read in its place; of `private_bytes` each player has a copy */
+    int64_t shared_size, private_size, pointer_count, row_count;
     const int64_t *pointers;
     const fdh_row *rows;
     const fdh_key *keys;

@@ -16,7 +16,7 @@ struct fdh_player {
     const fdh_rate *at;
     const fdh_kernels *kernels;
     fdh_resampler *resampler;
-    unsigned char *memory, *own;
+    unsigned char *memory, *private_bytes;
     float *waiting; /* frames for the resampler */
     double *values; /* of controls */
     int pedals[FDH_PEDALS], sought[FDH_PEDALS]; /* as they are, and as they are to be when there is room */
@@ -32,16 +32,16 @@ struct fdh_player {
 /* --- memory */
 
 static void relocate(fdh_player *p) {
-    memcpy(p->own, p->at->own, (size_t)p->at->own_size);
+    memcpy(p->private_bytes, p->at->private_bytes, (size_t)p->at->private_size);
     for (int64_t n = 0; n < p->at->pointer_count; n++) {
-        int64_t *pointer = (int64_t *)(void *)(p->own + p->at->pointers[n]);
-        *pointer = *pointer & IS_SHARED ? (*pointer & ~IS_SHARED) + (intptr_t)p->at->shared : *pointer + (intptr_t)p->own;
+        int64_t *pointer = (int64_t *)(void *)(p->private_bytes + p->at->pointers[n]);
+        *pointer = *pointer & IS_SHARED ? (*pointer & ~IS_SHARED) + (intptr_t)p->at->shared : *pointer + (intptr_t)p->private_bytes;
     }
     const int64_t *n = p->at->numbers;
     int has_stages = n[FDH_RATE_HAS_STAGES] != 0;
-    *(int64_t *)(void *)(p->own + n[FDH_RATE_RENDER_AT]) = (intptr_t)p->kernels->render[has_stages];
-    *(int64_t *)(void *)(p->own + n[FDH_RATE_INSERT_AT]) = (intptr_t)p->kernels->insert[has_stages];
-    ((double *)(void *)(p->own + n[FDH_RATE_GAUGES]))[FDH_GAIN] = p->file->gain;
+    *(int64_t *)(void *)(p->private_bytes + n[FDH_RATE_RENDER_AT]) = (intptr_t)p->kernels->render[has_stages];
+    *(int64_t *)(void *)(p->private_bytes + n[FDH_RATE_INSERT_AT]) = (intptr_t)p->kernels->insert[has_stages];
+    ((double *)(void *)(p->private_bytes + n[FDH_RATE_GAUGES]))[FDH_GAIN] = p->file->gain;
 }
 
 void fdh_reset(fdh_player *p) {
@@ -77,7 +77,7 @@ fdh_player *fdh_create(fdh_file *file, double rate, char *fault) {
         return free(p), NULL;
     }
     int is_resampled = lround(rate) != p->at->rate;
-    p->memory = malloc((size_t)p->at->own_size + 2 * ALIGNMENT);
+    p->memory = malloc((size_t)p->at->private_size + 2 * ALIGNMENT);
     p->values = calloc((size_t)file->controls + 1, sizeof *p->values);
     p->waiting = calloc((size_t)AT_ONCE * file->channels, sizeof *p->waiting);
     if (is_resampled) p->resampler = fdh_make_resampler(p->at->rate, (int)lround(rate), file->channels);
@@ -85,7 +85,7 @@ fdh_player *fdh_create(fdh_file *file, double rate, char *fault) {
         fdh_destroy(p);
         return NULL;
     }
-    p->own = p->memory + (ALIGNMENT - (uintptr_t)p->memory % ALIGNMENT) % ALIGNMENT;
+    p->private_bytes = p->memory + (ALIGNMENT - (uintptr_t)p->memory % ALIGNMENT) % ALIGNMENT;
     fdh_reset(p);
     fault[0] = 0;
     return p;
@@ -101,14 +101,14 @@ void fdh_destroy(fdh_player *p) {
 /* --- sound */
 
 static int64_t *counter(const fdh_player *p, int slot) {
-    return (int64_t *)(void *)(p->own + p->at->numbers[FDH_RATE_COUNTERS]) + slot;
+    return (int64_t *)(void *)(p->private_bytes + p->at->numbers[FDH_RATE_COUNTERS]) + slot;
 }
 
 static void pay(fdh_player *p);
 
 static void play(fdh_player *p, float *out, int frames) {
     if (p->owes) pay(p);
-    p->kernels->play(p->own + p->at->numbers[FDH_RATE_MEMORY], (intptr_t)out, frames);
+    p->kernels->play(p->private_bytes + p->at->numbers[FDH_RATE_MEMORY], (intptr_t)out, frames);
 }
 
 void fdh_process(fdh_player *p, float *out, int frames) {
@@ -131,7 +131,7 @@ void fdh_process(fdh_player *p, float *out, int frames) {
 int fdh_latency(const fdh_player *p) { return p->resampler ? fdh_delay(p->resampler) : 0; }
 
 static int sleeps(const fdh_player *p, int64_t island) {
-    const int64_t *n = p->at->numbers, *sleep = (const int64_t *)(const void *)(p->own + n[FDH_RATE_SLEEP]);
+    const int64_t *n = p->at->numbers, *sleep = (const int64_t *)(const void *)(p->private_bytes + n[FDH_RATE_SLEEP]);
     return sleep[island * n[FDH_RATE_REST] + FDH_WAKE_FRAME] > *counter(p, FDH_FRAME);
 }
 
@@ -145,7 +145,7 @@ int fdh_is_asleep(const fdh_player *p) {
 int64_t fdh_lost(const fdh_player *p) { return p->lost + *counter(p, FDH_DROPPED); }
 
 double fdh_energy_error(const fdh_player *p) {
-    const double *balance = (const double *)(const void *)(p->own + p->at->numbers[FDH_RATE_BALANCE]);
+    const double *balance = (const double *)(const void *)(p->private_bytes + p->at->numbers[FDH_RATE_BALANCE]);
     return balance[FDH_LARGEST] > 0.0 ? balance[FDH_MAX_ERROR] / balance[FDH_LARGEST] : 0.0;
 }
 
@@ -155,19 +155,19 @@ static int64_t waiting_rows(const fdh_player *p) { return p->end - *counter(p, F
 
 static void begin(fdh_player *p) {
     if (*counter(p, FDH_WRITE_INDEX) - *counter(p, FDH_READ_INDEX) > FDH_QUEUE / 2)
-        p->kernels->take(p->own + p->at->numbers[FDH_RATE_MEMORY]); /* they wait for their frame elsewhere */
+        p->kernels->take(p->private_bytes + p->at->numbers[FDH_RATE_MEMORY]); /* they wait for their frame elsewhere */
     p->end = *counter(p, FDH_WRITE_INDEX);
 }
 
 static void write_row(fdh_player *p, const fdh_row *row, const double *values) {
     if (waiting_rows(p) < FDH_QUEUE) { /* else the message is refused as a whole */
         int64_t slot = p->end % FDH_QUEUE, frame = *counter(p, FDH_FRAME);
-        int64_t *event = (int64_t *)(void *)(p->own + p->at->numbers[FDH_RATE_EVENTS]) + FDH_EVENT * slot;
+        int64_t *event = (int64_t *)(void *)(p->private_bytes + p->at->numbers[FDH_RATE_EVENTS]) + FDH_EVENT * slot;
         memset(event, 0, sizeof(int64_t) * FDH_EVENT);
         memcpy(event, row->number, sizeof row->number);
         if (event[FDH_START] > 0) event[FDH_START] += frame;
-        if (row->table >= 0) event[FDH_TABLE_AT] = row->table + (intptr_t)p->own;
-        memcpy(p->own + p->at->numbers[FDH_RATE_VALUES] + (int64_t)sizeof(double) * FDH_VALUES * slot, values,
+        if (row->table >= 0) event[FDH_TABLE_AT] = row->table + (intptr_t)p->private_bytes;
+        memcpy(p->private_bytes + p->at->numbers[FDH_RATE_VALUES] + (int64_t)sizeof(double) * FDH_VALUES * slot, values,
                sizeof(double) * FDH_VALUES);
     }
     p->end++;

@@ -11,7 +11,7 @@ from engine.assembly.build import build
 from engine.assembly.layout import Layout
 from engine.assembly.limits import MAX_FREQUENCY_SHARE
 from engine.assembly.one_way_drive import drive_forces
-from engine.assembly.residual_modes import shares_left_out
+from engine.assembly.residual_modes import count_contact_steps, shares_left_out
 from engine.assembly.scored_changes import scored_changes
 from engine.assembly.table_changes import count_steps, glide_between
 from engine.bodies.air import AirBox
@@ -64,7 +64,7 @@ class FinerScene:
         mean = mean_channels(layout)
         can_refine = mean is not None and rate * factor <= SAMPLE_RATE_RANGE[1] and used.oversample == 1
         is_refined = can_refine and is_known_in_samples(scene)
-        bodies = with_same_modes(layout, rate, rate * factor) if is_refined else scene.body
+        bodies = with_same_modes(layout, rate, rate * factor, count_contact_steps(used)) if is_refined else scene.body
         finer = with_finer_glides(_timed(scene, lambda seconds: nearest_frame(seconds, rate) / rate, bodies), rate)
         known = np.zeros(scene.channels, bool) if mean is None else mean
         return cls(finer, samplerate, factor if is_refined else 1, known, name_left_out(layout, rate, is_refined))
@@ -115,7 +115,7 @@ def name_left_out(layout: Layout, samplerate: float, is_rate_refined: bool) -> l
     """Name what an estimate does not see."""
     scene, names = layout.scene, list[str]()
     pairs = zip(scene.body, layout.modal_bodies, strict=True)
-    cut = [(body, modal) for body, modal in pairs if _is_cut(body) or modal.residual]
+    cut = [(body, modal) for body, modal in pairs if _is_cut(body, modal) or modal.residual]
     if cut:
         lowest = min(_highest_frequency(body, modal, samplerate) for body, modal in cut) / 1000
         shares = shares_left_out(scene, layout.modal_bodies, samplerate)
@@ -136,14 +136,16 @@ def _say_share(share: float) -> str:
     )
 
 
-def _is_cut(body: Any) -> bool:
-    """True if a body has as many modes as the sample rate allows."""
-    return isinstance(body, DistributedBody) and not isinstance(body, AirBox) and body.modes is None
+def _is_cut(body: Any, modal: Any) -> bool:
+    """True if a body has as many modes as the sample rate allows, which may be fewer than it asks for."""
+    if not isinstance(body, DistributedBody) or isinstance(body, AirBox):
+        return False
+    return body.modes is None or _count(modal) < getattr(body, "polarisations", 1) * body.modes
 
 
 def _highest_frequency(body: Any, modal: Any, samplerate: float) -> float:
     """Return up to which frequency the modes of a body are built, Hz."""
-    is_full = not _is_cut(body) or (isinstance(body, SheetBody) and _count(modal) == MAX_SHEET_MODES)
+    is_full = not _is_cut(body, modal) or (isinstance(body, SheetBody) and _count(modal) == MAX_SHEET_MODES)
     return float(np.max(modal.omega[: _count(modal)])) / 2 / np.pi if is_full else MAX_FREQUENCY_SHARE * samplerate
 
 
@@ -152,15 +154,17 @@ def _count(modal: Any) -> int:
     return int(modal.omega.size) - int(modal.residual) - int(modal.silent)
 
 
-def with_same_modes(layout: Layout, rate: float, finer_rate: float) -> list[Any]:
-    """Return the bodies of a layout at a sample rate (Hz), which have the same modes at a higher one."""
+def with_same_modes(layout: Layout, rate: float, finer_rate: float, steps: float) -> list[Any]:
+    """Return the bodies of a layout at a sample rate (Hz) and so many steps a sample, which have the same modes at a
+    higher rate."""
     bodies = list[Any]()
     for body, modal in zip(layout.scene.body, layout.modal_bodies, strict=True):
         same: Any = body
-        if isinstance(body, DistributedBody) and _is_cut(body):
+        residual = body.residual_rate(rate, steps) if isinstance(body, DistributedBody) else rate
+        if isinstance(body, DistributedBody) and _is_cut(body, modal):
             same = _with_mode_count(body, _count(modal), finer_rate)
             same = same.model_copy(update={"residual": modal.residual > 0})
-        bodies.append(same.with_residual_of(rate) if modal.residual else same)
+        bodies.append(same.with_residual_of(residual) if modal.residual else same)
     return bodies
 
 

@@ -35,7 +35,7 @@ from engine.assembly.one_way_drive import DriveForce, drive_forces
 from engine.assembly.pickup_points import HeardPoint
 from engine.assembly.points import find_points
 from engine.assembly.refinement import build_refinement
-from engine.assembly.residual_modes import with_residual_modes
+from engine.assembly.residual_modes import count_contact_steps, with_residual_modes
 from engine.assembly.step_coefficients import step_coefficients
 from engine.assembly.stiffening import count_pairs
 from engine.assembly.tension import stretching_bodies, tension
@@ -153,11 +153,11 @@ def find_layout(
     """
     like, before = earlier
     known = {} if before is None else before.same_bodies(scene)
-    bodies = limits.build_modal_bodies(scene, samplerate, accuracy.scheme, known)
+    bodies, steps = limits.build_modal_bodies(scene, samplerate, accuracy.scheme, known), count_contact_steps(accuracy)
     if like is None:
-        bodies = with_residual_modes(scene, bodies, samplerate)
+        bodies = with_residual_modes(scene, bodies, samplerate, steps)
     else:
-        bodies = fit_modes(scene, bodies, samplerate, like, known)
+        bodies = fit_modes(scene, bodies, samplerate, steps, like, known)
     bodies = [known.get(n) or body._replace(shape=remember_positions(body.shape)) for n, body in enumerate(bodies)]
     limits.check_sizes(scene, bodies)
     limits.check_forces(scene, samplerate, seconds)

@@ -9,9 +9,11 @@ from engine.arithmetic.plain_numbers import exp
 from engine.assembly.array_memory import ABSENT
 from engine.assembly.coordinates import stiffness_beside
 from engine.assembly.external_forces import find_pluck_point
+from engine.assembly.islands import begins_of
 from engine.assembly.layout import Layout
 from engine.kernel.data.enums import FRICTION_EVENTS, NO_END, UNUSED_SLOT, EventKind
-from engine.kernel.data.model import Events
+from engine.kernel.data.model import Events, Model
+from engine.kernel.data.state import State
 from engine.patch.frames import nearest_frame
 from engine.patch.friction import Friction
 from engine.patch.live_parameters import GLIDED_KEYS
@@ -120,6 +122,35 @@ def _damp(layout: Layout, event: DampEvent, samplerate: float) -> EventRow:
     keep = exp(-2 * event.sigma / samplerate)
     island = layout.islands.of_body[number]
     return EventRow(EventKind.DAMP, island, modes.start, modes.stop, start, end - start, keep)
+
+
+class ChangedNumber(NamedTuple):
+    """A number of the kernel that changes glide: a value v of their rows makes it shift + v*unit."""
+
+    array: np.ndarray
+    place: int  # within the flat array
+    shift: float = 0.0
+    unit: float = 1.0
+
+
+def find_changed_number(layout: Layout, model: Model, state: State, target: tuple[int, int, int]) -> ChangedNumber:
+    """Return the number that a row of a change glides. target: the kind of the row, its island and its first target"""
+    (kind, island, first), islands = target, layout.islands
+    of_springs = {
+        EventKind.CONNECTION_STIFFNESS: state.connection.stiffness,
+        EventKind.CONNECTION_DAMPING: state.connection.damping,
+        EventKind.CONNECTION_REST: state.connection.rest,
+    }
+    if kind in of_springs:
+        springs = begins_of([len(coordinates.items) for coordinates in islands.coordinates])
+        return ChangedNumber(of_springs[EventKind(kind)], int(springs[island]) + first)
+    k = int(islands.contact_begins[island]) + first
+    if kind in FRICTION_EVENTS:
+        return ChangedNumber(state.law_numbers, k * state.law_numbers.shape[1] + FRICTION_EVENTS.index(kind))
+    if kind == EventKind.BARRIER:
+        return ChangedNumber(state.barrier, k, shift=float(model.contact.nominal_barrier[k]))
+    unit = float(model.contact.nominal_stiffness[k] / (state.exponent[k] + 1.0))  # a stiffness, as laws count it
+    return ChangedNumber(state.potential_coefficient, k, unit=unit)
 
 
 def _frames(event: ChangeEvent, samplerate: float) -> tuple[int, int]:

@@ -1,7 +1,7 @@
 """Coefficients of a step of each mode: kick t and drift v (engine.kernel.modes.mode_step), and the factors of loss."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -98,8 +98,14 @@ def damped_coefficients(omega: np.ndarray, sigma: np.ndarray, h: float) -> tuple
 
     if the half-steps of loss keep d² = (A² - C·e^(-2σh))/(C·a) = (e^(-2σh) - b)/(ω²C), t = C·d/A, v = A/d,
     and x = e^(-2σh)/d². The drift then takes the energy ½(1 - x)(1 + x - ω²tv)·p², with p the momentum before x, and
-    nothing else, for v·(1 + ω²t²) = t·(1 + x). Valid for any damping, ω_d·h < π.
+    nothing else, for v·(1 + ω²t²) = t·(1 + x). Valid for any damping, ω_d·h < π. A mode that turns further, such as a
+    residual one for shorter steps than h, is at rest after the step: t = v = 1/ω, d = 0.
     """
+    is_beyond = square(omega) - square(sigma) >= square(math.pi / h)
+    if np.any(is_beyond):
+        slow = damped_coefficients(np.where(is_beyond, 1.0 / h, omega), np.where(is_beyond, 0.0, sigma), h)
+        fast: tuple[Any, ...] = (1 / omega, 1 / omega, 0.0, 1.0, 0.0)
+        return tuple(np.where(is_beyond, one, other) for one, other in zip(fast, slow, strict=True))
     move, give, brake = _responses(omega, sigma, h)
     left = exp(-2 * sigma * h)
     stay = 1 - square(omega) * give

@@ -17,19 +17,21 @@ def fit_modes(
     scene: Scene,
     bodies: Sequence[ModalBody],
     samplerate: float,
+    steps: float,
     like: Sequence[ModalBody],
     fit: Container[int] = (),
 ) -> list[ModalBody]:
     """Return the modes of bodies, with residual ones, as many of each as another build has. The highest are left out if
     there are too many. Silent modes, which nothing moves, replace those that are missing.
 
+    steps: of each sample, for residual modes
     fit: numbers of bodies that are as they should be
     Raises BuildError if the two cannot have the same modes.
     """
     cut = [_first_modes(body, other.omega.size - other.residual) for body, other in zip(bodies, like, strict=True)]
     fitted: list[ModalBody] = []
     least = [0.0 if other.residual else math.inf for other in like]
-    completed = with_residual_modes(scene, cut, samplerate, fit, least)
+    completed = with_residual_modes(scene, cut, samplerate, steps, fit, least)
     for i, (body, other) in enumerate(zip(completed, like, strict=True)):
         if body.residual != other.residual:
             message = "this change needs other modes than those that sound; stop and start again"

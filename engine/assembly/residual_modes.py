@@ -5,9 +5,9 @@ Modes above 0.49 of the sample rate are not built, or the patch asks for fewer m
 stiff and follow a contact force at once, with the compliance C_r = Σ Φᵢ·Φⱼ/ω² over them. A mode with Φ² = ω²·C_r has
 this compliance, and is as passive as any other. A compliance added to that of the contacts alone would not be passive.
 
-A membrane has so many modes that those of the sound end far below the Nyquist frequency. What is left out up to there
-takes part in a blow: it stands in bands, each with modes of its own, that lose what they take, as waves that leave the
-place do.
+A membrane has so many modes that those of the sound end far below the Nyquist frequency, and with several steps a
+sample those of other bodies end below that of the steps. What is left out up to there takes part in a blow: it stands
+in bands, each with modes of its own, that lose what they take, as waves that leave the place do.
 """
 
 import math
@@ -25,6 +25,7 @@ from engine.assembly.contact_points import contact_points, contact_sides
 from engine.bodies.body import ModalBody
 from engine.bodies.distributed import DistributedBody
 from engine.bodies.tips import Compliance
+from engine.patch.accuracy import Accuracy
 from engine.patch.scene import Scene
 
 FREQUENCY_SHARE = 0.45  # of the sample rate
@@ -35,9 +36,10 @@ MAX_POINTS = 4  # of contacts on a body: with more, nothing is added unless the 
 SLOW = 20.0  # Hz
 ROUNDING = 1e-12  # of the largest
 MIN_PART = 1e-3  # of the largest: smaller residual modes are left out
-WIDE = 1.2  # a membrane lacks bands if what is left out begins so far below the residual modes
+WIDE = 1.2  # a body lacks bands if what is left out begins so far below the residual modes
 BANDS = 12
 MAX_DAMPING_PER_STEP = 0.08  # σ·h: orders 4 and 6 bear no more
+STEPS_OF_STAGES = 1.8  # so that the damping of a step is within that
 BAND_DAMPING = 0.5  # of the width of a band: what goes there leaves, as into many modes
 
 
@@ -45,12 +47,14 @@ def with_residual_modes(
     scene: Scene,
     bodies: Sequence[ModalBody],
     samplerate: float,
+    steps: float = 1.0,
     fit: Container[int] = (),
     least: Sequence[float] | None = None,
 ) -> list[ModalBody]:
     """Return the modes of bodies, with residual modes where they help.
 
     samplerate: Hz
+    steps:      of each sample (count_contact_steps)
     fit:        numbers of bodies that are as they should be
     least:      share of the static compliance of each body that must be left out; as the patch says if None
     """
@@ -60,11 +64,17 @@ def with_residual_modes(
         if isinstance(body, DistributedBody) and body.residual is not False and n not in fit and at:
             share = _least_share(body, at) if least is None else least[n]
             if share < math.inf:
-                modal = _with_residual(
-                    modal, at, partial(_left_out, body, modal, body.residual_rate(samplerate)), share
-                )
+                rate = body.residual_rate(samplerate, steps)
+                modal = _with_residual(modal, at, partial(_left_out, body, modal, rate), share)
         completed.append(modal)
     return completed
+
+
+def count_contact_steps(accuracy: Accuracy) -> float:
+    """Return the steps of a sample in contact that residual modes can count on; those with stages count as more."""
+    if accuracy.max_error is not None:
+        return 1.0
+    return accuracy.substeps * (1.0 if accuracy.order == 2 else STEPS_OF_STAGES)
 
 
 def _least_share(body: DistributedBody, places: list[object]) -> float:
@@ -91,7 +101,7 @@ def _left_out(body: DistributedBody, modal: ModalBody, samplerate: float) -> lis
     if beyond is None:
         return []
     bands, sigma = list[Band](), DAMPING_SHARE * samplerate
-    if body.GIVES_WAY_IN_BANDS and end > WIDE * begin:
+    if (body.GIVES_WAY_IN_BANDS or body.residual) and end > WIDE * begin:
         edges = np.linspace(begin, end, BANDS + 1).tolist()
         for low, high in pairwise(edges):
             band = body.compliance_beyond(low, high)
@@ -109,6 +119,8 @@ def _with_residual(
     """Return the modes of a body with its residual modes, whose shapes are combinations of static deflections; if more
     than a least share of the static compliance is left out."""
     bands = left_out()
+    if all(not np.any(band.compliance(places[0], places)) for band in bands[:-1]):
+        bands = bands[-1:]  # no mode of the body lies in a band
     compliances = [np.array([band.compliance(place, places) for place in places]) for band in bands]
     whole = np.sum(compliances, axis=0)  # static, between places, m/N
     if not (bands and np.all(np.isfinite(whole)) and np.max(_share_left_out(modal, places, whole)) > least):
@@ -116,7 +128,7 @@ def _with_residual(
     values, vectors = symmetric_eigenvectors(np.array(compliances))
     most = np.max(values, axis=1, keepdims=True)
     kept = values > (MIN_PART * most if len(bands) == 1 else -1.0)  # of bands all, at any pitch
-    values = np.maximum(values, ROUNDING * most)
+    values = np.maximum(values, ROUNDING * np.where(most > 0.0, most, np.max(most)))
     mixtures = [  # Φ = ω·C_r(x, places)·V·Λ^(-1/2)
         band.omega * vector[:, some] / np.sqrt(value[some])
         for band, value, vector, some in zip(bands, values, vectors, kept, strict=True)
@@ -129,7 +141,7 @@ def _with_residual(
         if not isinstance(position, np.ndarray) and position in places:
             row = rows_at_places[places.index(position)]
         else:  # computed again: 20 000 modes of each string of a piano would take 70 MB
-            pairs = zip(left_out(), mixtures, strict=True)
+            pairs = zip(left_out()[-len(bands) :], mixtures, strict=True)
             rows = [product(band.compliance(position, places), mixture) for band, mixture in pairs]
             row = np.concatenate(rows, axis=-1)
         return np.concatenate([modal.shape(position), row], axis=-1)

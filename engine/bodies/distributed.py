@@ -136,9 +136,12 @@ class DistributedBody(BodyTable):
         body._residual_rate = samplerate
         return body
 
-    def residual_rate(self, samplerate: float) -> float:
-        """Return the sample rate that its residual modes are for, Hz. samplerate: of the steps, Hz"""
-        return samplerate if self._residual_rate is None else self._residual_rate
+    def residual_rate(self, samplerate: float, steps: float) -> float:
+        """Return the rate that its residual modes are for, Hz: that of the steps if the patch asks for them. steps: of
+        each sample"""
+        if self._residual_rate is not None:
+            return self._residual_rate
+        return samplerate * steps if self.residual else samplerate
 
     def modal_body(self, max_frequency: float = math.inf) -> ModalBody:
         with np.errstate(all="ignore"):  # what is not finite is refused in the end (engine.assembly.limits)

@@ -3,6 +3,7 @@
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
@@ -205,6 +206,7 @@ def line_quadrature(waves: int, kinks: list[float], mass: float) -> Quadrature:
     return Quadrature(positions.tolist(), mass * (width * weight / 2).ravel(), everywhere)
 
 
+@lru_cache(maxsize=8)  # a bend builds the same body anew every 5 ms
 def rectangle_quadrature(waves: tuple[int, int], mass: float) -> Quadrature:
     """Gauss points of a rectangle. waves: half-waves of the highest modes along its sides; mass: kg"""
     (x, wx), (y, wy) = (gauss_legendre(math.ceil(1.3 * n) + 12) for n in waves)

@@ -85,7 +85,7 @@ class Membrane(TunedSheet):
     def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
         """Its Young's modulus and its thickness go together."""
         yield from super().faults(path, table)
-        is_in_need = is_given(table, "thickness") and not is_given(table, "material")  # of a modulus
+        is_in_need = is_given(table, "thickness") and not (is_given(table, "material") or is_given(table, "density"))
         if is_given(table, "young") != is_given(table, "thickness") and (is_given(table, "young") or is_in_need):
             missing = "thickness" if is_given(table, "young") else "young"
             yield make_fault(path, table, f"no {missing} is given", "young in Pa and thickness in m go together")

@@ -198,7 +198,7 @@ class Plate(TunedSheet):
         """Its stiffness is given in one way, and what holds it goes with its edges."""
         yield from super().faults(path, table)
         young, edges = table.get("young"), table.get("edges", "supported")
-        is_in_need = is_given(table, "thickness") and not is_given(table, "material")  # of a modulus
+        is_in_need = is_given(table, "thickness") and not (is_given(table, "material") or is_given(table, "density"))
         if is_given(table, "young") != is_given(table, "thickness") and (is_given(table, "young") or is_in_need):
             missing = "thickness" if is_given(table, "young") else "young"
             yield make_fault(path, table, f"no {missing} is given", "young in Pa and thickness in m go together")

@@ -2,10 +2,12 @@
 
 import math
 from abc import abstractmethod
+from collections.abc import Iterator
 from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
+from pydantic_core import InitErrorDetails
 
 from engine.arithmetic.elementary import square
 from engine.arithmetic.plain_numbers import hypot
@@ -21,13 +23,14 @@ from engine.bodies.initial_shape import (
     peak_of_rectangle,
     rectangle_quadrature,
 )
-from engine.bodies.table import Positive, is_given, is_number
+from engine.bodies.table import KeyPath, Positive, are_positive, is_given, is_number, make_fault
 from engine.bodies.tips import Tip, disc_nodes, middle_of
 from engine.wording import format_value
 
 FASTEST_WAVE = 1.5  # of its highest mode, times the mean of those: along the softer side
 RINGS = 96  # on which the motion of a circle is summed
 MAX_SUMMED_MODES = 5_000  # of a sheet over which something is summed
+LIGHTEST_SHEET = 20.0  # kg/m³, lighter than any: a smaller density is one in kg/m²
 MAX_SHEET_MODES = 1_000  # of a membrane or a plate that does not say how many
 
 
@@ -159,7 +162,14 @@ class FlatSheet(SheetBody):
 class TunedSheet(FlatSheet):
     """A membrane or a plate: a circle of `radius`, or a rectangle of `size`."""
 
-    area_density: float = Field(gt=0.0, le=1e9, description="mass per area, kg/m²")
+    area_density: float = Field(
+        gt=0.0,
+        le=1e9,
+        description="mass per area, kg/m²; follows from the density and the thickness, if these are given",
+    )
+    density: float | None = Field(
+        default=None, gt=0.0, le=1e6, description="density, kg/m³; with the thickness, instead of the mass per area"
+    )
     frequency: float | None = Field(default=None, gt=0.0, le=1e6, description="frequency of the first partial, Hz")
     radius: float | None = Field(
         default=None, gt=0.0, le=1e3, description="radius of a circle, m; [x, y] are fractions of the square around it"
@@ -190,6 +200,35 @@ class TunedSheet(FlatSheet):
     def area(self) -> float:
         a, b = self.size or (0.0, 0.0)
         return math.pi * square(self.radius or 0.0) if self.size is None else a * b
+
+    @classmethod
+    def numbers_of_density(cls, table: dict[str, Any]) -> dict[str, Any]:
+        """Return the mass per area that follows from a density and a thickness, unless it is given."""
+        density, thickness = [table.get("density")], [table.get("thickness")]
+        if not are_positive(density):
+            return table
+        return {"area_density": density[0] * (thickness[0] if are_positive(thickness) else 1.0)} | table  # or a fault
+
+    @classmethod
+    def faults(cls, path: KeyPath, table: dict[str, Any]) -> Iterator[InitErrorDetails]:
+        """A density goes with a thickness. One without, or too small for any sheet, can be that of an old patch, in
+        kg/m²: both readings are named."""
+        yield from super().faults(path, table)
+        density, thickness = table.get("density"), table.get("thickness")
+        if density is None:
+            return
+        value, remedy = format_value(density), "give the thickness in m"
+        message = f"{value} kg/m³, and no thickness is given"
+        if are_positive([density, thickness]):
+            message, remedy = f"{value} kg/m³ is lighter than any sheet", "give that of its material"
+            if density >= LIGHTEST_SHEET:
+                if table.get("area_density") != density * thickness:
+                    message = "area_density and density are both given"
+                    yield make_fault((*path, "density"), density, message, "give one of them")
+                return
+        yield make_fault(
+            (*path, "density"), density, message, f"{remedy}; if {value} kg/m² is meant, its name is area_density"
+        )
 
     @classmethod
     def explain_outside(cls, table: dict[str, Any], item: Any) -> tuple[str, str] | None:

@@ -8,6 +8,7 @@ from engine.patch.scene_tables import SceneTables
 
 FORMULA = "Formula"  # the definition of a text such as "= 2*radius"
 OF_MATERIAL = {"required": ["material"]}
+OF_DENSITY = {"required": ["density", "thickness"]}
 GIVEN_BY_MATERIAL = "young", "density", "area_density"  # keys of bodies
 SCHEMA_DRAFT = "http://json-schema.org/draft-07/schema#"  # the one that editors of TOML know
 
@@ -44,10 +45,12 @@ def patch_schema() -> dict[str, Any]:
 
 
 def _with_material(table: dict[str, Any]) -> list[dict[str, Any]]:
-    """The rules for those required keys of a body that a material may give instead; they are no longer required."""
+    """The rules for those required keys of a body that a material, or a density, may give instead; they are no longer
+    required."""
     needed = [key for key in table["required"] if key in GIVEN_BY_MATERIAL]
     table["required"] = [key for key in table["required"] if key not in needed]
-    return [{"anyOf": [{"required": needed}, OF_MATERIAL]}] if needed else []
+    others = [OF_MATERIAL] + [OF_DENSITY] * (needed == ["area_density"])
+    return [{"anyOf": [{"required": needed}, *others]}] if needed else []
 
 
 def rig_schema() -> dict[str, Any]:

@@ -27,9 +27,6 @@ KEYS: dict[str, dict[str, str]] = {
         **dict.fromkeys(("glue", "joint", "fixed"), "rigid = true"),
     },
 }
-AREA_DENSITY = "kg/m² is area_density; of a material in kg/m³, that is its density times the thickness"
-LINEAR_DENSITY = "kg/m is linear_density; of a material in kg/m³, that is its density times the cross-section"
-DENSITIES = {"bar": LINEAR_DENSITY, "membrane": AREA_DENSITY, "plate": AREA_DENSITY}  # by kind, the readings of density
 END_KEYS = ("stiffness", "damping", "damping_coefficient", "rigid", "rest")  # of connections, but not of ends
 
 # by section, what a kind may be meant by
@@ -69,8 +66,6 @@ def explain_key(section: str, key: str, kinds: list[str]) -> str:
     """Return the name that an unknown key has here, or ""; kinds: of the table with that key"""
     if section == "connection" and kinds == ["end"] and key in END_KEYS:
         return "an end has none: the tension of the string acts there"
-    if section == "body" and key == "density" and len(kinds) == 1 and kinds[0] in DENSITIES:
-        return DENSITIES[kinds[0]]
     return KEYS.get(section, {}).get(key.lower(), "") or answer_word(key)
 
 

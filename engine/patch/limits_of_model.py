@@ -39,7 +39,7 @@ _ANSWERS: tuple[tuple[str, str, str], ...] = (
     (
         "a contact is a power law with Hunt-Crossley damping: no hysteresis, no adhesion, no plasticity",
         "contacts",
-        "hysteresis relaxation plastic plasticity adhesion sticky magnet restitution",
+        "hysteresis relaxation plastic plasticity adhesion sticky magnet",
     ),
     (
         'a [[pickup]] measures a position on a body; quantity = "pressure" is the far field, without a room',

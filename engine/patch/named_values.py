@@ -50,7 +50,7 @@ UNITS = {
 QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)")
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 VALUES, VARY = "values", "vary"
-TEXTS = ("title", "author", "licence", VALUES, VARY)  # of a patch, where no formula is looked for
+TEXTS = ("title", "author", "licence", "labels", VALUES, VARY)  # of a patch, where no formula is looked for
 MAX_SHOWN = 60
 
 Faults = list[InitErrorDetails]

@@ -7,6 +7,7 @@ from typing import Any
 from engine.bodies.table import is_number
 from engine.instrument.formula import is_formula
 from engine.patch.json_schema import patch_schema, resolve_ref, variants
+from engine.patch.labels import labels_of
 from engine.patch.live_parameters import live_paths, value_at
 from engine.patch.live_ranges import live_range
 from engine.patch.named_values import VALUES, NamedValues
@@ -25,6 +26,7 @@ class Parameter:
     range:   what it may be, in words; of a live parameter, what it may be while the patch is played
     meaning: from the reference of patches
     live:    whether it can be changed while the patch is played, by `Player.set`
+    label:   its name for people, if the patch gives one
     """
 
     path: str
@@ -33,6 +35,7 @@ class Parameter:
     range: str
     meaning: str
     live: bool
+    label: str = ""
 
 
 def list_parameters(scene: SceneTables) -> list[Parameter]:
@@ -40,7 +43,7 @@ def list_parameters(scene: SceneTables) -> list[Parameter]:
 
     A path names a table by its name, or by its number from 0 where it has none.
     """
-    schema, data = patch_schema(), scene.model_dump(exclude_unset=True)
+    schema, data = patch_schema(), scene.model_dump(exclude_unset=True, exclude={"labels"})
     paths, defaults = live_paths(scene), dict[tuple[str, int], dict[str, float]]()
     for path in paths.values():  # what can be changed is listed where the patch leaves its default, too
         if path.is_glided or path.is_level:
@@ -67,12 +70,13 @@ def list_parameters(scene: SceneTables) -> list[Parameter]:
     meaning = "named value, which formulas use"
     given = [name for name, value in scene.values.items() if not is_formula(value)]
     parameters += [Parameter(f"{VALUES}.{name}", named[name], "", "any number", meaning, False) for name in given]
-    return [
-        replace(p, live=True, range=str(live_range(scene, *paths[p.path][:3])._replace(unit="")))
-        if p.path in paths
-        else p
-        for p in parameters
-    ]
+    labels = labels_of(scene, paths)
+
+    def as_live(parameter: Parameter) -> Parameter:
+        limits = live_range(scene, *paths[parameter.path][:3])._replace(unit="")
+        return replace(parameter, live=True, range=str(limits), label=labels.get(parameter.path, ""))
+
+    return [as_live(p) if p.path in paths else p for p in parameters]
 
 
 def _table_parameters(
@@ -89,7 +93,8 @@ def _table_parameters(
         else:
             meaning, unit = split_unit(node.get("description", ""))
             for suffix, number in _numbers_within(value):
-                yield Parameter(path + suffix, number, unit, format_range(_number_schema(node)), meaning, live=False)
+                limits = format_range(_number_schema(node)) or "any number"  # a parameter that it is of may have others
+                yield Parameter(path + suffix, number, unit, limits, meaning, live=False)
 
 
 def _numbers_within(value: Any) -> Iterator[tuple[str, float]]:

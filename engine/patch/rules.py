@@ -19,6 +19,7 @@ from engine.patch.friction import absent_in_friction, check_friction
 from engine.patch.live_parameters import GLIDED_KEYS
 from engine.patch.pickup_rules import check_pickup
 from engine.patch.positions import check_positions, count_positions, kind_of, tables_of
+from engine.patch.restitution import check_restitution
 from engine.wording import format_names, format_value
 
 Faults = Iterator[InitErrorDetails]
@@ -153,9 +154,10 @@ def _check_contact(path: KeyPath, contact: dict[str, Any], bodies: dict[str, Any
         remedy = "a contact between two bodies has a gap, not a barrier"
         yield make_fault((*path, "barrier"), contact["barrier"], "on and barrier are both given", remedy)
     yield from check_stiffness((*path, "stiffness"), contact.get("stiffness"), contact.get("exponent"))
-    if contact.get("loss") and is_given(contact, "relaxation"):
-        message = "loss and relaxation are both given"
-        yield make_fault((*path, "loss"), contact["loss"], message, "give one of them")
+    other = next((key for key in ("restitution", "loss") if contact.get(key)), None)
+    if other and is_given(contact, "relaxation"):
+        yield make_fault((*path, other), contact[other], f"{other} and relaxation are both given", "give one of them")
+    yield from check_restitution(path, contact, body)
     if profile:
         yield from _check_profile(path, contact, body, profile)
         return

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from engine.argument_checks import values_by_path
 from engine.instrument.expansion import Expansion
@@ -15,6 +15,9 @@ from engine.patch.rig import Rig, is_rig, join_parts, read_rig
 from engine.patch.scene_tables import SceneTables
 from engine.patch.tuning_files import read_tuning, with_frequencies
 from engine.wording import to_one_line
+
+if TYPE_CHECKING:
+    from engine.api.page import Page, Picture
 
 MAX_SHOWN_CHARACTERS = 60  # of what is not a scene
 
@@ -94,6 +97,17 @@ class Scene(SceneTables):
             write_text(path, write_json(self, folder))
         else:
             write_text(path, self.to_toml(folder))
+
+    def show(self) -> "Page | Picture":
+        """Return what a notebook shows of the patch: see `fdh.show`.
+
+        >>> import fdh
+        >>> type(fdh.load("bouncing_ball").show()).__name__
+        'Page'
+        """
+        import engine
+
+        return engine.show(self)
 
     def with_tuning(self, scale: str | Path | None, keyboard_map: str | Path | None = None) -> "Scene":
         """Return the instrument with the frequencies of Scala files: of a scale (.scl), and of the degrees of its keys

@@ -27,6 +27,7 @@ from engine.patch.control_rules import as_plain_change, check_changes, check_con
 from engine.patch.control_tables import Control, Midi
 from engine.patch.frames import SAMPLE_RATE_RANGE
 from engine.patch.friction import Friction
+from engine.patch.labels import Label
 from engine.patch.live_parameters import live_paths
 from engine.patch.materials import fill_in_materials
 from engine.patch.named_values import fill_in_values
@@ -42,6 +43,7 @@ MAX_TABLES = 5_000  # of one section
 MAX_EVENTS = 100_000
 MAX_NOTES = 20_000
 MAX_CONTROLS = 500
+MAX_LABELS = 500
 MAX_FAULTS_COLLECTED = 2_000  # beyond, no more are looked for
 MAX_PATH_CHARACTERS = 200  # of a file's name, or of why it cannot be read, in a message
 MAX_FORCE_SAMPLES = 1 << 25  # of a force file, all channels together
@@ -77,6 +79,12 @@ class SceneTables(Table):
         exclude=True,
         description="what variations draw anew (`fdh sweep --variations`): a named value, or the path of a value, and"
         ' its range: "A..B", "A..B:log", "A~B" (normal, with standard deviation B), or a list of values; `seed`',
+    )
+    labels: dict[str, Label] = Field(
+        default={},
+        max_length=MAX_LABELS,
+        description='names of live parameters for people: `"contact.felt.stiffness" = "hardness of the felt"`. Pages,'
+        " plug-ins (LV2), libraries in C and `fdh params` show them",
     )
     tremolo: Tremolo | None = Field(default=None, description="tremolo of the output")
     accuracy: Accuracy = Field(default=Accuracy(), description="accuracy settings")

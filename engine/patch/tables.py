@@ -21,6 +21,7 @@ from engine.bodies.table import (
     is_given,
 )
 from engine.patch.relaxation import Relaxation
+from engine.patch.restitution import Restitution, loss_of_restitution
 from engine.wording import format_value
 
 MAX_SECONDS = 3_600.0  # of a rendering
@@ -128,6 +129,9 @@ class Contact(Table):
     stiffness: Stiffness = Field(description="stiffness kc, N/m^exponent; at 1 mm of compression at most 1e15 N")
     exponent: Exponent = Field(description="exponent α of the power law, at least 1")
     loss: float = Field(default=0.0, ge=0.0, le=1e9, description="Hunt-Crossley damping μ, s/m")
+    restitution: Restitution | None = Field(
+        default=None, description="the share of its speed that a mass keeps at a fixed barrier: instead of a loss"
+    )
     relaxation: Relaxation | None = Field(
         default=None, description="felt with memory: a share of the stiffness relaxes while it is pressed; without loss"
     )
@@ -153,6 +157,12 @@ class Contact(Table):
             isinstance(table, dict) and "side" not in table and (is_given(table, "bridge") or is_given(table, "frets"))
         )
         return table | {"side": "below"} if is_below else table
+
+    @model_validator(mode="after")
+    def _take_loss_of_restitution(self) -> "Contact":
+        if self.restitution is not None and "loss" not in self.model_fields_set:
+            self.__dict__["loss"] = loss_of_restitution(self.restitution.e, self.restitution.speed)  # and is not given
+        return self
 
 
 # --- connections

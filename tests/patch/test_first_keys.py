@@ -88,7 +88,6 @@ modes = 8
 body = "string"
 at = 0.3
 """
-AREA = "kg/m² is area_density; of a material in kg/m³, that is its density times the thickness"
 ANSWERS = [  # how the patch has it now, how it was written, the path of the fault, and what is said of it
     ("bending_stiffness =", "bending =", "body[0].bending", 'did you mean "bending_stiffness"?'),
     (
@@ -99,10 +98,8 @@ ANSWERS = [  # how the patch has it now, how it was written, the path of the fau
     ),
     ("sigma_beta3 =", "sigma3 =", "body[0].sigma3", "the decay rate per wave number β³ is sigma_beta3, m³/s"),
     ("damping_coefficient = 0.02", "damping = 0.02", "body[0].support[0].damping", 'mean "damping_coefficient"?'),
-    ("area_density = 4.0", "density = 4.0", "body[1].density", AREA),
     ("flexural_rigidity =", "rigidity =", "body[1].rigidity", 'did you mean "flexural_rigidity"?'),
     ("damping_rate =", "damping =", "body[2].damping", 'did you mean "damping_rate"?'),
-    ("area_density = 0.26", "density = 0.26", "body[4].density", AREA),
     ("damping_coefficient = 0.1", "damping = 0.1", "connection[0].damping", 'mean "damping_coefficient"?'),
     ("damping_coefficient = 1.0", "damping = 1.0", "event[0].damping", 'mean "damping_coefficient"?'),
 ]
@@ -124,17 +121,21 @@ def test_a_key_of_the_first_weeks_is_unknown_and_the_error_names_that_of_today(t
     [
         ("linear_density = 5e-3", "body[0].density", "no diameter is given"),
         ("linear_density = 0.5", "body[3].density", "no width and thickness are given"),
+        ("area_density = 4.0", "body[1].density", "no thickness is given"),
+        ("area_density = 0.26", "body[4].density", "no thickness is given"),
     ],
 )
-def test_a_density_in_kg_per_m_is_no_material_of_a_string_or_a_bar(tmp_path, now, path, missing):
-    """In kg/m³, with a section; without one it can only be that of an old patch, and both readings are named."""
+def test_a_density_without_a_section_or_a_thickness_is_that_of_an_old_patch(tmp_path, now, path, missing):
+    """In kg/m³ it goes with one; without it can only be in kg/m or kg/m², and both readings are named."""
     file = tmp_path / "old.toml"
-    file.write_text(PATCH.replace(now, now.removeprefix("linear_")), "utf-8")
+    name, (_, _, value) = now.partition(" ")[0], now.partition("= ")
+    file.write_text(PATCH.replace(now, f"density = {value}"), "utf-8")
     with pytest.raises(engine.PatchError) as refused:
         engine.load(file)
     (fault,) = refused.value.faults
     assert fault.path == path and f"kg/m³, and {missing}" in fault.message
-    assert f"if {float(now.split('= ')[1]):g} kg/m is meant, its name is linear_density" in fault.message
+    unit = "kg/m" if name == "linear_density" else "kg/m²"
+    assert f"if {float(value)} {unit} is meant, its name is {name}" in fault.message
 
 
 def test_paths_and_live_parameters_have_the_names_of_today_alone():

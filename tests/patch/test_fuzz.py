@@ -17,7 +17,7 @@ from sweeps import plan
 import engine
 from engine.bodies.csv_files import read_modes as measured
 from engine.faults import PatchError
-from engine.live import midi_files, midi_notes
+from engine.live import midi_drivers, midi_files
 from engine.live.player import Player
 from engine.live.replay import read_log, replay
 from engine.patch.scene import load
@@ -87,7 +87,7 @@ def test_midi_files(tmp_path):
         path.write_bytes(damaged(notes(draw), draw))
         try:
             found = midi_files.read_notes(path).notes
-        except midi_notes.MidiError as error:
+        except midi_drivers.MidiError as error:
             one_line(error)
             continue
         good += 1

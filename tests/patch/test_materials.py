@@ -96,3 +96,29 @@ def test_what_a_body_gives_itself_comes_first():
 def test_what_a_material_cannot_do_is_said(body, message):
     with pytest.raises(PatchError, match=message):
         scene_of(body)
+
+
+@pytest.mark.parametrize("kind", ["plate", "membrane"])
+def test_a_sheet_of_a_density_and_a_thickness_is_as_heavy_as_they_say(kind):
+    made = BODIES[kind] | {"young": 7e10, "density": 2700.0}
+    given = BODIES[kind] | {"young": 7e10, "area_density": 2700.0 * BODIES[kind]["thickness"]}
+    saved = engine.load({**scene_of(made).document})
+    for body in (body_of(**made), saved.body[0]):
+        one, other = body.modal_body(8000.0), body_of(**given).modal_body(8000.0)
+        assert one.omega.tobytes() == other.omega.tobytes()
+        assert one.shape([0.3, 0.4]).tobytes() == other.shape([0.3, 0.4]).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"density": 7.8}, "7.8 kg/m³ is lighter than any sheet; give that of its material; if 7.8 kg/m² is meant"),
+        ({"density": 7850.0, "thickness": None}, "7850.0 kg/m³, and no thickness is given; give the thickness in m"),
+        ({"density": 7850.0, "area_density": 7.8}, "area_density and density are both given; give one of them"),
+    ],
+)
+def test_a_density_that_cannot_be_that_of_a_sheet_is_refused_with_both_readings(keys, said):
+    body = BODIES["plate"] | {"frequency": 100.0} | keys
+    with pytest.raises(PatchError) as refused:
+        scene_of({key: value for key, value in body.items() if value is not None})
+    assert said in str(refused.value) and len(refused.value.faults) == 1

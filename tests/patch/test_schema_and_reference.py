@@ -26,12 +26,13 @@ TEMPLATES = sorted((ROOT / "patches" / "templates").glob("*.toml"))
 SCHEMA = ROOT / "patches" / "patch.schema.json"
 # numbers without a unit, and places
 DIMENSIONLESS = {
+    "Restitution.e",
     "at", "on_at", "modes", "inharmonicity", "ratios", "points", "count", "exponent", "channel", "gain",
     "order", "substeps", "max_error", "max_substeps", "tolerance", "oversample", "iterations",
     "b", "eta", "number", "x", "y", "scale",
     "pan", "poisson", "Note.velocity", "Note.release", "polyphony", "sustain", "soft", "sostenuto",
     "envelope", "velocity_envelope", "force_envelope", "static", "dynamic", "seed", "share", "polarisations",
-    "range", "input", "ChangeEvent.value", "bend_range", "mpe_lower", "mpe_upper", "mpe_bend_range",
+    "range", "input", "ChangeEvent.value", "bend", "bend_range", "mpe_lower", "mpe_upper", "mpe_bend_range",
     "Tremolo.depth", "spread", "patch.values", "patch.vary",
 }  # fmt: skip
 PICKUP = {"body": "a"}
@@ -133,7 +134,7 @@ def test_params_lists_every_number_by_its_path(capsys):
     assert main.main(["params", path, "--json"]) == 0
     found = {p["path"]: p for p in json.loads(capsys.readouterr().out)["params"]}
     hammer = {"value": 2.5, "unit": "m/s", "range": "-10000 to 10000", "meaning": "velocity at time 0", "live": False}
-    assert found["body.hammer.velocity"] == {"path": "body.hammer.velocity"} | hammer
+    assert found["body.hammer.velocity"] == {"path": "body.hammer.velocity", "label": ""} | hammer
     assert found["contact.felt.stiffness"]["unit"] == "N/m^exponent"
     live = {p for p, row in found.items() if row["live"]}
     assert live >= {"contact.felt.stiffness", "contact.felt.gap", "body.string.frequency", "pickup.0.gain"}

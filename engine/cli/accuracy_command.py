@@ -16,7 +16,17 @@ from engine.faults import Fault
 from engine.output_files import check_audio_format
 
 # options of `render` that its report does without: the sound is rendered as the patch says it
-AS_THE_PATCH_SAYS = "trace", "trace_shapes", "target_error", "subtype", "gain", "cores", "error_estimate", "kernel"
+AS_THE_PATCH_SAYS = (
+    "film",
+    "trace",
+    "trace_shapes",
+    "target_error",
+    "subtype",
+    "gain",
+    "cores",
+    "error_estimate",
+    "kernel",
+)
 
 
 def add_accuracy_command(commands: "arguments.Commands") -> None:

@@ -174,7 +174,7 @@ def describe_outputs() -> Section:
 
 def describe_midi_ports() -> Section:
     """Describe the MIDI input ports."""
-    from engine.live.midi_notes import list_ports
+    from engine.live.midi_drivers import list_ports
 
     ports = list_ports()
     return Section({"ports": ports}, "\n".join(ports) or "there is no port")

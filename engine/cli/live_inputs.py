@@ -45,6 +45,11 @@ class Inputs:
         """True if any input is open."""
         return self._notes is not None or self._osc is not None or self._levels is not None
 
+    def prepare(self, player: Player) -> Player:
+        """Make beside the sound what gives notes to another player; returns the player."""
+        self._commands.prepare(player)
+        return player
+
     def use(self, scene: Scene, player: Player) -> None:
         """Act on another player, as that of an edited patch."""
         self._commands.use(scene, player)

@@ -35,7 +35,7 @@ from engine.cli.progress import progress_feedback
 from engine.cli.terminal import meter_parts, read_keyboard, show_meter
 from engine.cli.tuning_options import tune
 from engine.faults import PatchError
-from engine.live import audio_device, midi, midi_notes, recovery
+from engine.live import audio_device, midi, midi_drivers, recovery
 from engine.live.audio_recording import NoRecording, Recording
 from engine.live.controls import Controls
 from engine.live.hot_reload import PatchWatcher
@@ -56,6 +56,7 @@ from engine.report.console import explain_slowness
 POLL_INTERVAL = 0.004  # s, between two looks at notes …
 WATCH_INTERVAL = 0.02  # s, … at the patch's file …
 IDLE_INTERVAL = 0.1  # s, … and at the meter
+SWITCH_INTERVAL = 5e-4  # s, between two threads of Python: each that makes tables holds up notes by as much
 PILOT_SECONDS = 1.5  # how long a patch is measured before it is played …
 QUICK_PILOT_SECONDS = 0.06  # … or an edit of it …
 MAX_PILOT_SECONDS = 30.0  # … and how much of it at most
@@ -164,7 +165,11 @@ class Session:
         self.controls, self.over = Controls(scene, self.first), list[MeterReading]()  # of players that were left
         self.motion = MotionWatch(self.first)
         self.inputs = open_inputs(args, midi.make_allocator(self.first), self.controls, heard)
-        making = Path(args.patch), scene, self.first, factory.make_quickly, factory.prepare, self._follow
+
+        def make(edited: Scene) -> Player:
+            return self.inputs.prepare(factory.make_quickly(edited))
+
+        making = Path(args.patch), scene, self.first, make, factory.prepare, self._follow
         edited = self.controls.forget
         self.watch = PatchWatcher(*making, edited=edited) if args.watch else None
         self.interval = POLL_INTERVAL if self.inputs.is_open else WATCH_INTERVAL if args.watch else IDLE_INTERVAL
@@ -173,6 +178,11 @@ class Session:
     def player(self) -> Player:
         """The player that sounds now: the first, or that of an edited patch."""
         return self.first if self.watch is None else self.watch.player
+
+    @property
+    def latency(self) -> float:
+        """Between a block and its sound, s."""
+        return float(np.max(self.stream.latency))
 
     def _follow(self, scene: Scene, player: Player) -> None:
         """Go on with the player of an edited patch."""
@@ -188,7 +198,7 @@ class Session:
         """Print what plays, and where."""
         title, rate = self.first.patch.title or Path(self.args.patch).stem, self.first.samplerate
         text = f"{title}, on {self.device} at {rate} Hz, blocks of {self.args.block_size}"
-        text += f", latency {1000 * float(np.max(self.stream.latency)):.0f} ms"
+        text += f", latency {1000 * self.latency:.0f} ms"
         text += f", OSC at port {self.inputs.osc_port}" if self.inputs.osc_port else ""
         print(text, file=sys.stderr if self.args.json else sys.stdout, flush=True)
 
@@ -199,10 +209,11 @@ class Session:
         """
         args = self.args
         with (
+            frequent_switches(),
             open_recording(args, self.first) as recording,
             open_log(args, self.first, recording) as write_log,
             read_keyboard(bool(args.record or args.event_log or self.inputs.is_open)) as keys,
-            show_meter(args.block_size) as show,
+            show_meter(args.block_size, self.latency) as show,
         ):
             wish = self._run(recording, write_log, keys, show, interrupted)
         code = report_end(wish, self.device, recording, interrupted)
@@ -244,7 +255,7 @@ class Session:
             if wish == "over" and (interrupted or ends):
                 wish = "interrupted" if interrupted else ends[0]
                 self.player.stop()
-                deadline = time.monotonic() + DRIVER_TIMEOUT + 2 * float(np.max(self.stream.latency))
+                deadline = time.monotonic() + DRIVER_TIMEOUT + 2 * self.latency
             for key in pressed:
                 handle_key(self.player, key)
             if not self.stream.active:
@@ -271,7 +282,7 @@ def play_patch(args: argparse.Namespace, scene: Scene) -> int:
     while True:
         try:
             session = Session(args, scene)
-        except (audio_device.DeviceError, midi_notes.MidiError, OscError) as error:
+        except (audio_device.DeviceError, midi_drivers.MidiError, OscError) as error:
             raise CommandError(error) from error
         session.announce()
         with catch_signals() as interrupted:  # also while it ends
@@ -294,6 +305,17 @@ def report_end(wish: str, name: str, recording: Recording | NoRecording, interru
     if not recording.is_complete or wish == "vanished":
         return 1
     return 128 + interrupted[0] if wish == "interrupted" else 0
+
+
+@contextmanager
+def frequent_switches() -> Iterator[None]:
+    """Let the threads of Python take turns often, so that one that makes tables does not hold up the notes."""
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(usual)
 
 
 def handle_key(player: Player, key: str) -> None:

@@ -27,7 +27,7 @@ def add_machine_commands(commands: "arguments.Commands") -> None:
 def list_devices(args: argparse.Namespace) -> int:
     """List what can be played on; returns the exit code."""
     from engine.live.audio_device import DeviceError, output_devices
-    from engine.live.midi_notes import MidiError, list_ports
+    from engine.live.midi_drivers import MidiError, list_ports
 
     try:
         ports, reason = list_ports(), "none"

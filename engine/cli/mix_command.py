@@ -194,8 +194,8 @@ def assign_parts(
     """The patches that play, each with its parts; and the excerpt of the file that all of them play. What no option
     gives to another patch is for PATCH. Raises MidiError."""
     from engine.instrument.tables import drum_keys
+    from engine.live.midi_drivers import MidiError
     from engine.live.midi_files import read_parts
-    from engine.live.midi_notes import MidiError
     from engine.live.midi_parts import list_parts
 
     excerpt = excerpt_of(args)
@@ -249,7 +249,8 @@ def divide_by_level(mixed: MixedPatch, excerpt: "Excerpt", args: argparse.Namesp
 def play_parts(mixed: MixedPatch, excerpt: "Excerpt", args: argparse.Namespace) -> MixedSound | None:
     """Render what a patch plays, and print what of it is not played; None if that is all. Raises MidiError, BuildError,
     MemoryError."""
-    from engine.live.midi_notes import MidiError, NothingToPlay
+    from engine.live.midi_drivers import MidiError
+    from engine.live.midi_notes import NothingToPlay
 
     try:
         with progress_feedback(f"rendering {mixed.name}") as progress:

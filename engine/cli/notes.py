@@ -51,7 +51,7 @@ class PlayedNotes:
 @contextmanager
 def note_errors_explained() -> Iterator[None]:
     """Within it, a MidiError and a MemoryError become CommandErrors."""
-    from engine.live.midi_notes import MidiError
+    from engine.live.midi_drivers import MidiError
 
     try:
         with memory_errors_explained("give fewer --seconds or --voices"):

@@ -33,11 +33,12 @@ MAX_TEMPO = 1000.0  # quarter notes per minute
 FILE_KINDS = {
     "--report": ("page", (".html", ".htm")),
     "--plot": ("picture", PICTURE_ENDINGS),
+    "--film": ("film", (".mp4",)),
     "--trace": ("trace", TRACE_ENDINGS),
     "--event-log": ("log", (".json",)),
 }
 GROWING = ("--record", "--event-log")  # files that grow beside their names
-DEFAULT_ENDINGS = {"--report": ".html", "--plot": ".png"}  # of files that are called like the sound
+DEFAULT_ENDINGS = {"--report": ".html", "--plot": ".png", "--film": ".mp4"}  # of files that are called like the sound
 
 
 def read_options(args: argparse.Namespace) -> list[Fault]:
@@ -53,6 +54,8 @@ def read_options(args: argparse.Namespace) -> list[Fault]:
     for name in ("plot", "report"):
         if options.get(name) is not None and find_spec("matplotlib") is None:
             faults.append(Fault(f"--{name}", "needs matplotlib; run uv sync --extra plot, or pip install matplotlib"))
+    if options.get("film") is not None and not all(map(find_spec, ("imageio_ffmpeg", "matplotlib"))):
+        faults.append(Fault("--film", 'needs FFmpeg and matplotlib; run pip install "fdh-engine[film]"'))
     if (options.get("trace") or "").endswith(".nc") and find_spec("xarray") is None:
         faults.append(Fault("--trace", "needs xarray for .nc; run uv sync --extra sweep, or give .npz, .mat or .csv"))
     faults += check_sound_options(args) if "trim" in options else []

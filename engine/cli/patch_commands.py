@@ -77,6 +77,7 @@ def check_build(path: str, scene: "Scene") -> tuple[list[Fault], list[str]]:
     from engine.assembly import limits
     from engine.assembly.build import build
     from engine.assembly.residual_modes import shares_left_out
+    from engine.patch.labels import find_unused_labels
     from engine.patch.note_scene import check_all_keys
     from engine.patch.reader import locate_faults
 
@@ -89,6 +90,7 @@ def check_build(path: str, scene: "Scene") -> tuple[list[Fault], list[str]]:
         return locate_faults(path, error.faults), []
     shares = shares_left_out(scene, built.layout.modal_bodies, rate)
     return [], [
+        *find_unused_labels(scene),
         *(
             f"{to_one_line(body.name, LONGEST_PATH)} has residual modes at its contacts, in place of modes that are"
             " left out"
@@ -139,7 +141,9 @@ def print_parameters(args: argparse.Namespace) -> int:
     scene = require_scene(*read_patch(args.patch))
     parameters = list_parameters(scene)
     rows: list[tuple[str, ...]] = [("path", "value", "unit", "range", "live", "meaning")]
-    rows += [(p.path, format_number(p.value), p.unit, p.range, "live" if p.live else "", p.meaning) for p in parameters]
+    for p in parameters:
+        meaning = f"{p.label}: {p.meaning}" if p.label else p.meaning
+        rows.append((p.path, format_number(p.value), p.unit, p.range, "live" if p.live else "", meaning))
     values = {"patch": args.patch, "params": [asdict(p) for p in parameters]}
     print_result(args.json, values, lambda: print_table(rows))
     return 0

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from engine.patch.scene import Scene
 
 # what a render of notes takes no notice of
-NOT_OF_MIXES = {"--trace": "trace", "--plot": "plot", "--report": "report"}
+NOT_OF_MIXES = {"--trace": "trace", "--plot": "plot", "--report": "report", "--film": "film"}
 NOT_OF_MIXES |= {"--oversample": "oversample", "--error-estimate": "error_estimate"}
 LEVEL_OF_PATCH = "patch"
 NOT_OF_NOTES = NOT_OF_MIXES | {"--cores": "cores"}
@@ -86,6 +86,8 @@ def add_render_command(commands: "arguments.Commands") -> None:
     text = f"plot these panels, such as waveform,contact, of {', '.join(PLOT_PANELS)} (default: all)"
     arguments.add_options(parser, ("--plot-panels", "NAMES", text))
     arguments.add_report(parser, "the sound, plots and statistics")
+    text = "also write a film of what moves, slowed, with the sound (default: next to the sound file)"
+    parser.add_argument("--film", metavar="OUT.mp4", nargs="?", const="", help=text)
     arguments.add_json(parser)
     help_text = "also print iterations, energies and effects (--json prints everything)"
     parser.add_argument("--verbose", action="store_true", help=help_text)
@@ -95,11 +97,12 @@ def render_command(args: argparse.Namespace) -> int:
     """Render a patch as the options say; returns the exit code."""
     scene, faults = read_tuned_patch(args.patch, args)
     option_faults = read_options(args)
-    option_faults += read_paths(args, "--output", "--trace", "--plot", "--report")
+    option_faults += read_paths(args, "--output", "--trace", "--plot", "--report", "--film")
     option_faults += check_audio_format(args.output, args.subtype, "--output")
     scene, note_faults = scene_of_key(scene, args)
     if args.trace_shapes and args.trace is None:
         option_faults.append(Fault("--trace-shapes", "requires --trace; give that too, with the name of a file"))
+    option_faults += check_film(scene, args)
     option_faults += ignored_options(scene, args) + check_kernel(args) + check_parts(args) + note_faults
     assignments, assignment_faults = read_assignments(args)
     option_faults += check_stems(args.stems, bool(args.midi))
@@ -132,6 +135,15 @@ def ignored_options(scene: "Scene | None", args: argparse.Namespace) -> list[Fau
         return [Fault("--voices", message)] if scene is not None and args.voices is not None else []
     given = [option for option, name in NOT_OF_NOTES.items() if getattr(args, name) is not None]
     return [Fault(option, "cannot be combined with --midi") for option in given]
+
+
+def check_film(scene: "Scene | None", args: argparse.Namespace) -> list[Fault]:
+    """List the faults of --film."""
+    from engine.offline.shape_snapshots import body_shape
+
+    if args.film is None or scene is None or any(body_shape(body) is not None for body in scene.body):
+        return []
+    return [Fault("--film", "a film shows strings, bars, heads and plates, and the patch has none; leave it out")]
 
 
 def check_level(scene: "Scene | None", others: list[MixedPatch], args: argparse.Namespace) -> list[Fault]:

@@ -230,7 +230,8 @@ def render_from_arguments(
         files[args.trace] = partial(_write_trace, rendering, facts)
     if is_interrupted:
         asked = scene.seconds if args.seconds is None else args.seconds
-        left_out = [option for option, given in (("--plot", args.plot), ("--report", args.report)) if given is not None]
+        companions = {"--plot": args.plot, "--report": args.report, "--film": args.film}
+        left_out = [option for option, given in companions.items() if given is not None]
         said = describe_interruption(rendering.audio, rendering.samplerate, asked, left_out)
         return Outputs(stats, [*warnings, said], is_interrupted, files)
     shape = None
@@ -257,7 +258,15 @@ def render_from_arguments(
             contents = PageContents(rendering, sound.audio, stats, profile, comparison, shape)
             shown = compose_page(title, text, contents)
         files[args.report] = lambda path: write_text(path, to_utf8_text(shown))
+    if args.film is not None:
+        files[args.film] = partial(_write_film, rendering, audio)
     return Outputs(stats, warnings, is_interrupted, files)
+
+
+def _write_film(rendering: "Rendering", audio: "np.ndarray", path: Path) -> None:
+    from engine.export.film import write_film
+
+    write_film(path, rendering.scene, audio, rendering.samplerate, **rendering.stats.accuracy)
 
 
 def _write_trace(rendering: "Rendering", facts: dict[str, str], path: Path) -> None:

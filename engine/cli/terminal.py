@@ -70,7 +70,7 @@ def read_terminal(number: int) -> Iterator[Callable[[float], str]]:
 
 
 @contextmanager
-def show_meter(block: int) -> Iterator[Any]:
+def show_meter(block: int, latency: float) -> Iterator[Any]:
     """A function that shows the reading of a meter, which another one makes, on a terminal."""
     if not sys.stderr.isatty():
         with nullcontext():
@@ -82,22 +82,23 @@ def show_meter(block: int) -> Iterator[Any]:
 
     with Live(Text(""), console=Console(stderr=True), transient=True, auto_refresh=False) as line:
         columns = min(MAX_COLUMNS, line.console.width)
-        yield lambda read: line.update(Text(format_meter(read(), block, columns)), refresh=True)
+        yield lambda read: line.update(Text(format_meter(read(), block, latency, columns)), refresh=True)
 
 
-def format_meter(now: "MeterReading", block: int, columns: int = MAX_COLUMNS) -> str:
-    """Return a meter as one line, as much of it as fits: level, load and dropouts first. block: frames per block that
-    the options give"""
+def format_meter(now: "MeterReading", block: int, latency: float | None, columns: int = MAX_COLUMNS) -> str:
+    """Return a meter as one line, as much of it as fits: level, load and dropouts first."""
     line = ""
-    for part in [_describe_level(now), *meter_parts(now, block)]:
+    for part in [_describe_level(now), *meter_parts(now, block, latency)]:
         longer = f"{line}  {part}" if line else part
         line = longer if len(longer) <= columns else line
     return line
 
 
-def meter_parts(now: "MeterReading", block: int) -> list[str]:
-    """Return the texts that a meter shows beside the level, the most important first. block: frames per block that the
-    options give"""
+def meter_parts(now: "MeterReading", block: int, latency: float | None = None) -> list[str]:
+    """Return the texts that a meter shows beside the level, the most important first.
+
+    block: frames per block that the options give; latency: of the device, s; None if it is not known
+    """
     parts = [
         f"load {now.worst_block:.0%}",
         f"dropouts {now.dropouts}" + (f" (try --block-size {2 * block})" if now.dropouts else ""),
@@ -116,6 +117,7 @@ def meter_parts(now: "MeterReading", block: int) -> list[str]:
         f"energy {now.energy_error:.0e}",
         f"Newton {now.newton.mean:.1f}/{now.newton.max}",
         f"active {now.awake}/{now.islands}",
+        *([] if latency is None else [f"latency {1000 * latency:.0f} ms"]),
         f"{now.real_time_factor:.0f} × real time",
     ]
 

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,8 @@ def changed_parameters(old: Scene, new: Scene) -> dict[str, float] | None:
 
 
 class PatchWatcher:
-    """Watches the file of a patch, and brings what is saved to its player.
+    """Watches the file of a patch, and brings what is saved to its player. It is read, and a player of it is built,
+    beside the sound.
 
     make:    builds a Player of a scene
     with_accuracy: gives a scene its accuracy
@@ -52,7 +54,7 @@ class PatchWatcher:
         self.path, self.scene, self.player, self._make, self._with_accuracy = path, scene, player, make, with_accuracy
         self._seen = self._stamp()
         self._refused = self._seen  # the last file that was refused
-        self._made: list[Any] = []
+        self._done: list[Callable[[], list[str]]] = []  # what is to be done with what was read or made
         self._thread: threading.Thread | None = None
 
     def _stamp(self) -> tuple[int, int]:
@@ -63,52 +65,67 @@ class PatchWatcher:
         return status.st_mtime_ns, status.st_size
 
     def poll(self) -> list[str]:
-        """Apply what has been saved since the last call. Returns messages to print."""
-        if self._made:
-            return self._take_over(self._made.pop())
+        """Apply what has been saved, as soon as it is read. Returns messages to print."""
+        if self._done:
+            return self._done.pop()()
         stamp = self._stamp()
-        if stamp == self._seen or stamp == (0, 0) or (self._thread is not None and self._thread.is_alive()):
-            return []
+        if stamp not in (self._seen, (0, 0)) and not (self._thread is not None and self._thread.is_alive()):
+            self._start(self._read, stamp)
+        return []
+
+    def _start(self, work: Callable[..., Callable[[], list[str]]], *arguments: Any) -> None:
+        """Do something beside the sound; what it returns is done at a poll after it."""
+        self._thread = threading.Thread(target=lambda: self._done.append(work(*arguments)), daemon=True)
+        self._thread.start()
+
+    def _read(self, stamp: tuple[int, int]) -> Callable[[], list[str]]:
+        """Read the file, and build a player of it unless live parameters make all the difference."""
         try:
             scene = self._with_accuracy(load(str(self.path)))
         except PatchError as error:
-            if stamp != self._refused:  # it may be half written: it is read once more
-                self._refused = stamp
-                return []
-            self._seen = stamp
-            return [*map(str, error.faults), "the previous version keeps playing"]
+            return partial(self._refuse, stamp, [str(fault) for fault in error.faults])
         if self._stamp() != stamp:  # it was saved while it was read: it is read once more
-            return []
+            return list
         self._seen = stamp
         parameters = changed_parameters(self.scene, scene)
         if parameters is not None and set(parameters) <= set(self.player.live_parameters):
-            try:
-                for path, value in parameters.items():
-                    self.player.set(path, value)
-                self.player.make_tables()
-            except ValueError:
-                is_changed = False
-            else:
-                is_changed = not self.player.refused.keys() & parameters.keys()
-            if is_changed:  # it takes no other tables than those that sound
-                self.scene = scene
-                self._edited(parameters)
-                return [f"{path} → {value:g}" for path, value in parameters.items()]
-        self._thread = threading.Thread(target=self._prepare, args=(scene,), daemon=True)
-        self._thread.start()
-        return []
+            return partial(self._set, scene, parameters)
+        return self._build(scene)
 
-    def _prepare(self, scene: Scene) -> None:
-        """Build and compile beside the sound."""
+    def _build(self, scene: Scene) -> Callable[[], list[str]]:
+        """Build a player of a scene."""
         try:
-            self._made.append((scene, self._make(scene)))
+            return partial(self._take_over, scene, self._make(scene))
         except Exception as error:  # whatever it is, the sound goes on
-            self._made.append((scene, error))
+            said = [f"{error}; the previous version keeps playing"]
+            return lambda: said
 
-    def _take_over(self, prepared: tuple[Scene, Any]) -> list[str]:
-        scene, player = prepared
-        if isinstance(player, Exception):
-            return [f"{player}; the previous version keeps playing"]
+    def _refuse(self, stamp: tuple[int, int], faults: list[str]) -> list[str]:
+        """Say why a file is refused. It may be half written: it is read once more first."""
+        if stamp != self._refused:
+            self._refused = stamp
+            return []
+        self._seen = stamp
+        return [*faults, "the previous version keeps playing"]
+
+    def _set(self, scene: Scene, parameters: dict[str, float]) -> list[str]:
+        """Give live parameters the values of a scene; have a player of it built if they do not take them."""
+        try:
+            for path, value in parameters.items():
+                self.player.set(path, value)
+            self.player.make_tables()
+            is_changed = not self.player.refused.keys() & parameters.keys()
+        except ValueError:
+            is_changed = False
+        if not is_changed:  # it takes no other tables than those that sound
+            self._start(self._build, scene)
+            return []
+        self.scene = scene
+        self._edited(parameters)
+        return [f"{path} → {value:g}" for path, value in parameters.items()]
+
+    def _take_over(self, scene: Scene, player: Player) -> list[str]:
+        """Let another player take over."""
         try:
             self.player.cross_fade_to(player)
         except ValueError as error:

@@ -6,15 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from engine.instrument.bent_parameters import bent_parameters
 from engine.instrument.expansion import expand_for_score, keys_of
 from engine.instrument.key_frequencies import frequencies_of
 from engine.instrument.key_names import note_name
 from engine.instrument.key_sequencer import FULL_VELOCITY, Message
 from engine.instrument.score import PedalMove, PlayedNote, Score, make_score
 from engine.instrument.tables import drum_keys
-from engine.live.key_bends import KeyBends, bend_events, bent_parameters
+from engine.live.key_bends import KeyBends, bend_events
+from engine.live.midi_drivers import MidiError
 from engine.live.midi_files import HELD_SECONDS, MidiNotes, read_notes, read_parts
-from engine.live.midi_notes import NOT_OF_SCORE, PITCH_KINDS, UNKNOWN_RELEASE, MidiError, Note, NothingToPlay
+from engine.live.midi_notes import NOT_OF_SCORE, PITCH_KINDS, UNKNOWN_RELEASE, Note, NothingToPlay
 from engine.live.midi_parts import ALL_NOTES, Excerpt
 from engine.live.rig_keys import RigChoice, merge_counts
 from engine.patch.rig import Rig

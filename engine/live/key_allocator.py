@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, get_args
 
+from engine.instrument.bent_parameters import bent_parameters
 from engine.instrument.expansion import expand_keys, keys_of
 from engine.instrument.held_keys import ALL
 from engine.instrument.key_frequencies import frequencies_of
@@ -12,7 +13,7 @@ from engine.instrument.key_writer import KeyWriter
 from engine.instrument.score import Score
 from engine.live.controls import Controls, Targets, targets_of_all
 from engine.live.event_queue import RowSet, make_event, make_row_set
-from engine.live.key_bends import KeyBends, bent_parameters
+from engine.live.key_bends import KeyBends
 from engine.live.midi_notes import PEDALS, PITCH_KINDS, Move, Note
 from engine.live.player import Player
 from engine.patch.frames import nearest_frame

@@ -1,25 +1,16 @@
 """Bends of the keys of an instrument, by the pitch wheel and by messages that tune keys: of those bodies that have a
 frequency or a tension."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
+from engine.instrument.bent_parameters import BentParameter
 from engine.instrument.held_keys import ALL
-from engine.instrument.key_names import note_frequency, plain_note_name
+from engine.instrument.key_names import note_frequency
 from engine.live.midi_notes import PITCH_KINDS, Note
 from engine.live.mpe import ChannelBends, NoteChannels
 
-PITCH_KEYS = {"frequency": 1, "tension": 2}  # of a body: the first that it has goes with this power of the ratio
 BEND_STEP_SECONDS = 0.01  # between two steps of a bend in a score
-
-
-class BentParameter(NamedTuple):
-    """A live parameter that bends a key."""
-
-    key: int
-    path: str
-    value: float  # where nothing is bent
-    power: int  # of the ratio of frequencies
 
 
 class KeyBends:
@@ -71,18 +62,6 @@ class KeyBends:
             * (self._bends.ratio(self._channels[one.key]) * self._tuned.get(one.key, 1.0)) ** one.power
             for one in self.parameters
         }
-
-
-def bent_parameters(bodies: Iterable[dict[str, Any]], keys: Iterable[int], prefix: str = "") -> Iterator[BentParameter]:
-    """Yield the parameters that bend the keys of an instrument. bodies: as its patch, written out, gives them; prefix:
-    of their names"""
-    names = {plain_note_name(key): key for key in keys}
-    for body in bodies:
-        is_own = body["name"].startswith(prefix)
-        key = names.get(body["name"].removeprefix(prefix).partition("_")[0]) if is_own else None
-        pitch = next((pitch for pitch in PITCH_KEYS if isinstance(body.get(pitch), float | int)), None)
-        if key is not None and pitch is not None:
-            yield BentParameter(key, f"body.{body['name']}.{pitch}", float(body[pitch]), PITCH_KEYS[pitch])
 
 
 def bend_events(bends: KeyBends, notes: Sequence[Note]) -> list[dict[str, Any]]:

@@ -11,8 +11,9 @@ from engine.faults import RenderInterrupted
 from engine.instrument.tables import drum_keys
 from engine.live.controls import Controls, takes_move
 from engine.live.key_allocator import KeyAllocator
+from engine.live.midi_drivers import MidiError
 from engine.live.midi_files import MidiNotes, TimedMove, is_midi_file, read_notes
-from engine.live.midi_notes import MidiError, Note
+from engine.live.midi_notes import Note
 from engine.live.midi_parts import ALL_NOTES, Excerpt
 from engine.live.motion_watch import MotionWatch
 from engine.live.player import Player

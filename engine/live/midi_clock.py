@@ -10,8 +10,9 @@ from typing import Any
 
 from engine.live.controls import Controls
 from engine.live.midi import Allocator, MidiFilePlayer, read_for
+from engine.live.midi_drivers import MidiError, open_port
 from engine.live.midi_files import MidiNotes
-from engine.live.midi_notes import MidiError, Note, open_port
+from engine.live.midi_notes import Note
 from engine.live.midi_parts import ALL_NOTES, Excerpt
 
 TICKS_PER_BEAT = 24  # of the clock

@@ -12,12 +12,12 @@ from typing import Any, NamedTuple
 from engine.files import MB, UnreadableFile, is_folder, path_exists, read_bytes
 from engine.live.channel_levels import EXPRESSION, PAN, VOLUME, LevelMove
 from engine.live.general_midi import DRUM_CHANNEL
+from engine.live.midi_drivers import MidiError
 from engine.live.midi_notes import (
     FIRST_MODE_MESSAGE,
     NOTES_OFF,
     PEDAL_DOWN,
     UNKNOWN_RELEASE,
-    MidiError,
     Move,
     Note,
     NothingToPlay,

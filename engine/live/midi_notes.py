@@ -1,9 +1,9 @@
-"""Messages of MIDI as notes and moves of controllers, and ports. mido is imported when needed."""
+"""Messages of MIDI as notes and moves of controllers."""
 
-import sys
 from typing import Any, NamedTuple
 
 from engine.instrument.held_keys import ALL
+from engine.live.midi_drivers import MidiError
 from engine.live.mpe import DATA, DATA_FINE, DECREMENT, INCREMENT, NRPN, RPN_HIGH, RPN_LOW, MpeZones, NoteChannels
 
 PEDALS = {64: "sustain", 66: "sostenuto", 67: "soft"}  # by their controllers
@@ -15,11 +15,6 @@ PEDAL_DOWN = 64  # of 127; below, a pedal is up
 NOTES_OFF = range(123, 128)  # controllers: all notes off, and the modes (omni, mono, poly), which mean that as well
 PARAMETER_CONTROLLERS = DATA, DATA_FINE, INCREMENT, DECREMENT, *NRPN, RPN_LOW, RPN_HIGH  # the order counts
 UNKNOWN_RELEASE = 64  # velocity with which a key is let go, where that was not measured
-LAST_WITH_DRIVER = 3, 12  # the last Python that python-rtmidi has wheels for
-
-
-class MidiError(RuntimeError):
-    """The notes cannot be played. The message says why and what to do."""
 
 
 class NothingToPlay(MidiError):
@@ -82,37 +77,3 @@ def parse_move(message: Any) -> Move | None:
     if message.type == "polytouch":
         return Move("poly_pressure", message.note, message.channel + 1, message.value / 127)
     return None
-
-
-def list_ports() -> list[str]:
-    """The names of the MIDI input ports. Raises MidiError."""
-    import mido
-
-    try:
-        return list(mido.get_input_names())
-    except ImportError as error:
-        raise MidiError(f"a MIDI port needs python-rtmidi: {how_to_install_driver()}; or give a .mid file") from error
-    except OSError as error:
-        raise MidiError(f"there are no MIDI ports ({error}); give a .mid file") from error
-
-
-def how_to_install_driver() -> str:
-    """The way to install the driver of MIDI ports, on this version of Python."""
-    how = "run uv sync --extra midi, or pip install python-rtmidi"
-    if sys.version_info[:2] > LAST_WITH_DRIVER:
-        how += f"; from Python 3.{LAST_WITH_DRIVER[1] + 1} on that needs a C++ compiler and, on Linux, libasound2-dev"
-    return how
-
-
-def open_port(name: str) -> Any:
-    """An open input port of a name, or of a part of it. Raises MidiError."""
-    names = list_ports()
-    chosen = [n for n in names if name.lower() in n.lower()]
-    if len(chosen) != 1:
-        what = "several MIDI ports match" if chosen else "no MIDI port is called"
-        raise MidiError(
-            f'{what} "{name}"; the ports are {", ".join(names) or "none"}; give one of these, or a .mid file'
-        )
-    import mido
-
-    return mido.open_input(chosen[0])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from engine.live.general_midi import DRUM_CHANNEL, PROGRAMS
-from engine.live.midi_notes import MidiError
+from engine.live.midi_drivers import MidiError
 from engine.live.mpe import MpeZones
 from engine.patch.control_tables import Midi
 from engine.wording import format_value

@@ -10,16 +10,14 @@ from engine.instrument.tables import drum_keys
 from engine.live.controls import Controls
 from engine.live.general_midi import DRUM_CHANNEL
 from engine.live.key_allocator import KeyAllocator
+from engine.live.midi_drivers import MidiError, list_ports, open_port
 from engine.live.midi_notes import (
     FIRST_MODE_MESSAGE,
     NOTES_OFF,
     PARAMETER_CONTROLLERS,
     PEDAL_DOWN,
     PEDALS,
-    MidiError,
     bends_of,
-    list_ports,
-    open_port,
     parse_message,
     parse_move,
 )

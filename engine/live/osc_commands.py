@@ -47,6 +47,7 @@ class OscCommands:
     def __init__(self, controls: Controls, keys: Allocator | None) -> None:
         self.keys, self.notices, self.refused = keys, Notices(), 0
         self._controls, self._clock = controls, FrameClock()
+        self._prepared: tuple[Player, Allocator | None] | None = None
         self._waiting: deque[TimedMessage] = deque()
         self._later: list[TimedMessage] = []  # that move controls
         self._commands: dict[str, Callable[[list[Any], int], None]] = {
@@ -62,10 +63,17 @@ class OscCommands:
         """The player that sounds."""
         return self._controls.player
 
+    def prepare(self, player: Player) -> None:
+        """Make what gives notes to another player, beside the sound: that takes a while."""
+        self._prepared = player, make_allocator(player)
+
     def use(self, scene: Scene, player: Player) -> None:
         """Act on another player, as that of an edited patch."""
         self._controls.use(scene, player)
-        before, self.keys = self.keys, make_allocator(player)
+        if self._prepared is None or self._prepared[0] is not player:
+            self.prepare(player)
+        assert self._prepared is not None
+        before, self.keys, self._prepared = self.keys, self._prepared[1], None
         if self.keys is not None and before is not None:
             self.keys.take_over(before)
 

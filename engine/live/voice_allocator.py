@@ -16,7 +16,8 @@ from engine.bodies.distributed import DistributedBody
 from engine.instrument.held_keys import ALL, PEDAL_NAMES, HeldKeys
 from engine.instrument.key_names import note_frequency, note_name
 from engine.live.controls import Controls, Targets, targets_of_voice
-from engine.live.midi_notes import PEDAL_DOWN, MidiError, Move, Note
+from engine.live.midi_drivers import MidiError
+from engine.live.midi_notes import PEDAL_DOWN, Move, Note
 from engine.live.mpe import ChannelBends, NoteChannels
 from engine.live.player import Player
 from engine.live.voices import plucks, sounding_bodies, striker_velocities, strikers

@@ -15,7 +15,7 @@ from engine.compiler import cache, shipped
 from engine.compiler.kernel_origin import KernelOrigin, find_origin
 from engine.compiler.targets import target_named
 from engine.live.audio_device import NO_PORTAUDIO, DeviceError
-from engine.live.midi_notes import MidiError
+from engine.live.midi_drivers import MidiError
 from engine.runtime.job_memory import RENDER_BLOCK
 
 SECTIONS = ["system", "versions", "blas", "kernel", "cache", "tables", "audio", "midi", "cost"]
@@ -33,7 +33,7 @@ def two_patches(monkeypatch):
 def device(monkeypatch):
     """A device, and no MIDI port."""
     monkeypatch.setattr("engine.live.audio_device.output_devices", lambda: [(3, "Desk", 2, 48_000)])
-    monkeypatch.setattr("engine.live.midi_notes.list_ports", list)
+    monkeypatch.setattr("engine.live.midi_drivers.list_ports", list)
 
 
 def run(*words: str, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess:
@@ -66,7 +66,7 @@ def test_json_has_the_same(two_patches, device, capsys):
     if report["kernel"]["origin"] == KernelOrigin.COMPILER:
         assert cost == {"error": "not compiled"}
     else:
-        assert 10.0 < cost["ns_per_sample"] < 1e5
+        assert 1.0 < cost["ns_per_sample"] < 1e5  # of a sample that flies free, 8
         assert cost["real_time_factor"] == pytest.approx(1e9 / 44_100 / cost["ns_per_sample"])
 
 
@@ -86,7 +86,7 @@ def test_what_is_missing_for_live_sound_is_named(two_patches, monkeypatch, capsy
         raise error
 
     monkeypatch.setattr("engine.live.audio_device.output_devices", lambda: fail(DeviceError(NO_PORTAUDIO)))
-    monkeypatch.setattr("engine.live.midi_notes.list_ports", lambda: fail(MidiError("a MIDI port needs a driver")))
+    monkeypatch.setattr("engine.live.midi_drivers.list_ports", lambda: fail(MidiError("a MIDI port needs a driver")))
     assert main.main(["doctor", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     missing = "the PortAudio library is not installed; rendering to a file does not need it"

@@ -16,6 +16,7 @@ from socket_midi import Source
 SOURCE = "rehearsal"  # name of the port
 PEDAL_EVERY, WHEEL_EVERY, SLIDER_EVERY = 1 / 80, 1 / 150, 1 / 100  # s
 EDIT_EVERY, AWAY = 20.0, 3.0  # s between two edits of the patch, and for which the source is gone
+BEGIN = 1.0  # s
 QUIET = 2.5  # s after the source is back, until it plays: it is looked for once a second
 
 
@@ -86,7 +87,8 @@ class Rehearsal:
 
 if __name__ == "__main__":
     rehearsal = Rehearsal(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))
-    sys.stdin.readline()  # once the program plays
+    sys.stdin.readline()  # once the program plays …
+    time.sleep(BEGIN)  # … and its stream has begun
     rehearsal.play(float(sys.argv[4]))
     time.sleep(1.0)
     print(json.dumps({"notes": rehearsal.notes, "edits": rehearsal.edits, "slid": rehearsal.slid}))

@@ -12,8 +12,8 @@ from smf import cc, events, lengths, meta, off, on, read, riff, smf, sysex, trac
 
 from engine.cli import main
 from engine.live import midi_files
+from engine.live.midi_drivers import MidiError
 from engine.live.midi_files import is_midi_file, read_name
-from engine.live.midi_notes import MidiError
 from engine.live.midi_reader import NotMidi, read_song
 
 NOTE = [(0, on(60)), (480, off(60))]

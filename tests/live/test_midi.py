@@ -14,7 +14,7 @@ import engine
 from engine.analysis.metrics import strongest_partial
 from engine.cli import main
 from engine.instrument.key_names import note_frequency, note_name
-from engine.live import midi, midi_files, midi_notes, voice_allocator
+from engine.live import midi, midi_drivers, midi_files, midi_notes, voice_allocator
 from engine.live.controls import Controls
 from engine.live.midi_parts import Excerpt
 from engine.live.midi_port import MidiPort
@@ -251,13 +251,13 @@ def test_notes_of_a_port(ports):
 
 def test_ports_that_cannot_be_told_apart(ports):
     with pytest.raises(
-        midi_notes.MidiError, match='several MIDI ports match "keys"; the ports are Keys 1, Keys 2, Drum'
+        midi_drivers.MidiError, match='several MIDI ports match "keys"; the ports are Keys 1, Keys 2, Drum'
     ):
-        midi_notes.open_port("keys")
+        midi_drivers.open_port("keys")
     with pytest.raises(
-        midi_notes.MidiError, match='no MIDI port is called "organ"; the ports are Keys 1, Keys 2, Drum'
+        midi_drivers.MidiError, match='no MIDI port is called "organ"; the ports are Keys 1, Keys 2, Drum'
     ):
-        midi_notes.open_port("organ")
+        midi_drivers.open_port("organ")
     assert ports == []
 
 
@@ -343,7 +343,7 @@ def test_a_file_that_is_none_is_refused_in_a_line(tmp_path, name):
     head, says = NO_NOTES[name]
     track = bytes([0, 0x90, 60, 64, 96, 0x80, 60, 0, 0, 0xFF, 0x2F, 0])
     (tmp_path / "a.mid").write_bytes(head + b"MTrk" + len(track).to_bytes(4, "big") + track)
-    with pytest.raises(midi_notes.MidiError, match=r"a\.mid .*") as found:
+    with pytest.raises(midi_drivers.MidiError, match=r"a\.mid .*") as found:
         midi_files.read_notes(tmp_path / "a.mid")
     assert says in str(found.value) and "\n" not in str(found.value)
 
@@ -352,20 +352,20 @@ def test_files_that_are_too_much_are_refused(tmp_path, monkeypatch, capsys):
     """In time, messages or bytes; what lasts longer than a render may is played in part."""
     path = tmp_path / "a.mid"
     written(path, (on(60), 0), (off(60), 480 * 2 * 40_000))
-    with pytest.raises(midi_notes.MidiError, match=r"lasts 11\.1 hours; the limit is 10"):
+    with pytest.raises(midi_drivers.MidiError, match=r"lasts 11\.1 hours; the limit is 10"):
         midi_files.read_notes(path)
     written(path, (on(60), 0), (off(60), 480 * 2 * 7200))
     words = [str(PIANO), "--midi", str(path), "-o", str(tmp_path / "a.wav")]
     assert main.main(words) == 2
     assert "lasts 7203 s; the limit is 3600 s: give --seconds 3600" in capsys.readouterr().err
     monkeypatch.setattr(midi_files, "MAX_MESSAGES", 3)
-    with pytest.raises(midi_notes.MidiError, match="has 4 messages; the limit is 3"):
+    with pytest.raises(midi_drivers.MidiError, match="has 4 messages; the limit is 3"):
         midi_files.read_notes(path)
     monkeypatch.setattr(midi_files, "MAX_FILE_BYTES", 10)
-    with pytest.raises(midi_notes.MidiError, match=r"is larger than 1e-05 MB; give a \.mid file"):
+    with pytest.raises(midi_drivers.MidiError, match=r"is larger than 1e-05 MB; give a \.mid file"):
         midi_files.read_notes(path)
     os.mkfifo(tmp_path / "pipe.mid")
-    with pytest.raises(midi_notes.MidiError, match="is not a file, but a pipe"):
+    with pytest.raises(midi_drivers.MidiError, match="is not a file, but a pipe"):
         midi_files.read_notes(tmp_path / "pipe.mid")
 
 

@@ -11,8 +11,8 @@ import engine
 from engine.cli import main
 from engine.live import instrument_notes, midi_port
 from engine.live.instrument_notes import scene_of_file
+from engine.live.midi_drivers import MidiError
 from engine.live.midi_files import read_notes
-from engine.live.midi_notes import MidiError
 from engine.live.midi_parts import Excerpt
 from engine.live.mpe import MpeZones
 from engine.patch.control_tables import Midi

@@ -12,8 +12,8 @@ import engine
 from engine.cli import main
 from engine.live.instrument_notes import scene_of_file
 from engine.live.midi_clock import ClockedFilePlayer, MidiClock
+from engine.live.midi_drivers import MidiError
 from engine.live.midi_files import read_notes
-from engine.live.midi_notes import MidiError
 from engine.live.midi_parts import Excerpt
 from tests.live.stage import play_on_stage
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from engine.analysis.error_estimate import ErrorEstimate, estimate_error
     from engine.api.audio_input import AudioInput
-    from engine.api.page import Page, export_page
+    from engine.api.page import Page, export_page, show
     from engine.api.player import Player
     from engine.api.plugin import export_plugin
     from engine.api.rendering import Rendering, render
@@ -46,6 +46,7 @@ __all__ = [
     "render",
     "run_sweep",
     "run_sweep_rows",
+    "show",
 ]
 
 _HOME = {
@@ -69,6 +70,7 @@ _HOME = {
     "render": "api.rendering",
     "run_sweep": "api.sweeping",
     "run_sweep_rows": "api.sweeping",
+    "show": "api.page",
 }
 _FROM_SOURCE = "0+source"  # the version of what is not installed
 

@@ -11,6 +11,8 @@ from pathlib import Path
 from engine.api.pilot import Pilot
 from engine.argument_checks import checked_integer
 from engine.compiler.kernel_name import KernelName
+from engine.export.faults import CannotExport
+from engine.export.film import still_of
 from engine.export.page import PageSettings, make_page
 from engine.live.key_allocator import live_scene
 from engine.live.player import Player
@@ -48,6 +50,42 @@ class Page:
         """Return the HTML that a notebook shows: the page in a frame."""
         style = f"width: 100%; height: {NOTEBOOK_HEIGHT}px; border: 0"
         return f'<iframe srcdoc="{escape(self.html)}" style="{style}" allow="autoplay; midi"></iframe>'
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture of a patch. A notebook shows it.
+
+    png: the whole file
+    """
+
+    png: bytes
+
+    def _repr_png_(self) -> bytes:
+        """Return what a notebook shows."""
+        return self.png
+
+
+def show(scene: Scene) -> Page | Picture:
+    """Return what a notebook shows of a scene: the page that plays it and draws what moves, without its header, patch
+    and footer; where the scene cannot become a page, a picture of what moves, soon after its beginning.
+
+    Raises CannotExport (a ValueError), which says why there is no page, if nothing of it can be drawn either;
+    ImportError if the picture lacks matplotlib.
+
+    >>> import fdh
+    >>> page = fdh.show(fdh.load("bouncing_ball"))
+    >>> page.save("ball.html")
+    """
+    check_scene(scene)
+    try:
+        page = export_page(scene)
+    except CannotExport as reason:
+        try:
+            return Picture(still_of(scene))
+        except CannotExport:
+            raise reason from None
+    return Page(page.html.replace("<body>", '<body class="embed">', 1))
 
 
 def export_page(

@@ -31,6 +31,7 @@ from engine.export.row_recorder import (
     player_of_scene,
     sliders_of_player,
 )
+from engine.instrument.expansion import expand
 from engine.instrument.key_names import HIGHEST_KEY, plain_note_name
 from engine.kernel.data.enums import Balance
 from engine.kernel.data.model import Model
@@ -70,7 +71,7 @@ def export_c(
         raise ValueError(f"no target is called {target!r}; there are {', '.join(OF_LIBRARIES)}")
     check_output(scene, "C")
     seconds = scene.seconds if seconds is None else seconds
-    players = {SCORE: player_of_scene(scene, samplerate, kernel, seconds)}
+    players = {SCORE: player_of_scene(without_bends(scene), samplerate, kernel, seconds)}
     if players[SCORE].tables.exchanges:  # they part a block, of which fdh.c reads the whole
         raise CannotExport("a patch whose events change bodies cannot be exported to C yet")
     if scene.instrument is not None:
@@ -84,6 +85,16 @@ def export_c(
     declared = f"#define FDH_KERNELS void {', '.join(f'{name}(void)' for name in kernels.entries)};"
     lines = [*names, *_defined(numbers), declared, f"#define FDH_LAYOUTS {', '.join(layouts)}"]
     return _write_files(folder, lines, {OBJECT: kernels.table_object(tables), **kernels.objects()})
+
+
+def without_bends(scene: Scene) -> Scene:
+    """The scene with notes that do not bend: a library has one set of tables for each body."""
+    document = scene.instrument or {}
+    notes = document.get("note") or []
+    if not any("bend" in note for note in notes):
+        return scene
+    plain = [{name: value for name, value in note.items() if name != "bend"} for note in notes]
+    return scene.with_expansion(expand(document | {"note": plain}))
 
 
 # --- the parts
@@ -166,7 +177,9 @@ def _named_pads(pads: list[Pad]) -> list[str]:
 
 
 def _named_sliders(sliders: list[Slider]) -> list[str]:
-    remarks = [f"{s.low:g} to {s.high:g} {s.unit}, in the patch {s.value:g}" for s in sliders]
+    names = [f"{s.label.replace('*/', '* /')}: " if s.label else "" for s in sliders]
+    ranges = [f"{s.low:g} to {s.high:g} {s.unit}, in the patch {s.value:g}" for s in sliders]
+    remarks = [name + text for name, text in zip(names, ranges, strict=True)]
     return _numbered("SLIDER", [slider.path for slider in sliders], remarks)
 
 

@@ -67,7 +67,7 @@ def _ports(data: PluginData) -> Iterable[str]:
     yield f'{of_output} ; lv2:symbol "lost" ; lv2:name "Lost events" ; lv2:minimum 0 ; lv2:maximum 1000000'
     for n, control in enumerate(data.controls, 1):
         low, high, home, is_logarithmic = _range_of(control)
-        port = f'a lv2:InputPort, lv2:ControlPort ; lv2:symbol "p{n}" ; lv2:name {_text(control.path)}'
+        port = f'a lv2:InputPort, lv2:ControlPort ; lv2:symbol "p{n}" ; lv2:name {_text(control.label or control.path)}'
         port += f" ; lv2:default {home:.9e} ; lv2:minimum {low:.9e} ; lv2:maximum {high:.9e}"
         port += " ; lv2:portProperty pprops:logarithmic" * is_logarithmic
         if control.unit:

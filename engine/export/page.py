@@ -9,7 +9,7 @@ import gzip
 import hashlib
 import json
 import re
-from collections.abc import Callable, Container, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from typing import Any, NamedTuple
@@ -49,6 +49,7 @@ from engine.export.row_recorder import (
     sliders_of_player,
 )
 from engine.export.scene_bytes import SceneBytes
+from engine.export.slider_values import find_value_places
 from engine.export.table_sliders import BEND, CENTS, add_table_sliders, paths_of_sliders
 from engine.export.voice_keys import bodies_of_notes, controls_of_voices, lowest_ratio
 from engine.export.wasm_kernels import compile_module, general_module_of, read_module
@@ -60,7 +61,7 @@ from engine.patch.scene import Scene
 from engine.runtime.event_slots import VALUES_PER_EVENT, EventSlot
 
 BASE = 1 << 20  # address of the scene in the memory of the page; the stack and the kernels' constants lie below
-BLOCK = 128  # samples that a browser asks for at a time
+BLOCK = 64  # samples that are computed at a time, half of what a browser asks for: a short touch is seen
 MEGABYTE = 1 << 20
 MAX_MEGABYTES = 400  # of a scene: browsers give pages some thousand
 MOST_EXCHANGES = RowRecorder.queue_size - 128  # of tables, by a score: they wait beside what is played
@@ -107,7 +108,9 @@ def make_page(
     paths = paths_of_sliders(player, slide)
     laid_out = lay_out_player(player.memory, pointer_bytes=4, base=BASE)
     add_queued_exchanges(laid_out, player.memory.shared, player.tables.exchanges)
-    controls = _controls(scene, player, paths)
+    sliders = sliders_of_player(player, paths)
+    places = find_value_places(laid_out, player, sliders)
+    controls = _controls(scene, player) | {"sliders": [slider._asdict() for slider in sliders], "value_places": places}
     controls |= controls_of_voices(laid_out, player) if voices else {"voices": []}
     controls |= add_key_tables(laid_out, player, {name: controls.get(name, []) for name in ("keys", "song")})
     tabled = {name: path for name, path in paths.items() if path is None or not path.is_glided}
@@ -162,15 +165,13 @@ def names_of_numbers() -> dict[str, dict[str, int]]:
     }
 
 
-def _controls(scene: Scene, player: RowRecorder, chosen: Container[str]) -> dict[str, Any]:
-    """Return the controls of a scene: keys or pads, sliders, and its score. chosen: numbers that have sliders anyway"""
-    sliders = [slider._asdict() for slider in sliders_of_player(player, chosen)]
+def _controls(scene: Scene, player: RowRecorder) -> dict[str, Any]:
+    """Return the controls of a scene but for its sliders: keys or pads, and its score."""
     if scene.instrument is None:
         pads = [] if player.voices else [pad._asdict() for pad in pads_of_player(player)]
         return {
             "keys": [],
             "pads": pads,
-            "sliders": sliders,
             "damp": damp_rows(player),
             **PEDAL_NUMBERS,
         }
@@ -185,7 +186,6 @@ def _controls(scene: Scene, player: RowRecorder, chosen: Container[str]) -> dict
         "polyphony": polyphony,
         "bend_cents": CENTS * scene.midi.bend_range,
         **PEDAL_NUMBERS,
-        "sliders": sliders,
         "song": song,
         "song_notes": [[note.key, note.time, note.end] for note in score.notes],
         "pads": [],
@@ -230,9 +230,9 @@ def compose(data: Mapping[str, Any], about: Mapping[str, str]) -> str:
 
 
 def template(name: str) -> str:
-    """Return a file that pages are made of, scripts without the lines that are remarks."""
+    """Return a file that pages are made of, scripts without the lines that are remarks, and without indentation."""
     text = files("engine.export").joinpath(PAGE, name).read_text("utf-8")
-    return re.sub(r"(?m)^\s*//.*\n", "", text) if name.endswith(".js") else text
+    return re.sub(r"(?m)^\s*(//.*\n)?", "", text) if name.endswith(".js") else text
 
 
 def _digest(text: str) -> str:

@@ -27,6 +27,7 @@ from engine.live.retuning import VoiceTuning
 from engine.live.shared_memory import Slot
 from engine.live.voice_allocator import NOMINAL_VELOCITY, VELOCITY_EXPONENT
 from engine.patch.frames import nearest_frame
+from engine.patch.labels import labels_of
 from engine.patch.live_parameters import live_paths, value_at
 from engine.patch.live_ranges import live_range
 from engine.patch.scene import Scene
@@ -306,12 +307,14 @@ class Slider(NamedTuple):
     is_logarithmic: bool
     rows: Rows  # whose values follow a law
     law: Law
+    label: str = ""  # its name for people
 
 
 def sliders_of_player(player: RowRecorder, chosen: Container[str] = ()) -> list[Slider]:
     """Return the numbers of a patch that glide; if there are too many, those that were chosen."""
     scene = player.patch if player.voices else player.scene
     paths = live_paths(scene) if player.voices else player.live_paths  # a number of the patch is that of all voices
+    labels = labels_of(scene, paths)
     sliders, glided = list[Slider](), {name: path for name, path in paths.items() if path.is_glided}
     if len(glided) > MAX_SLIDERS:
         glided = {name: path for name, path in glided.items() if name in chosen}
@@ -326,7 +329,9 @@ def sliders_of_player(player: RowRecorder, chosen: Container[str] = ()) -> list[
         ends = max(low, limits.low), min(high, limits.high)
         law = _find_law(player, parameter, value, ends)
         rows = _rows_at(player, parameter, value)
-        sliders.append(Slider(parameter, limits.unit, value, *ends, not is_linear, rows, law))
+        sliders.append(
+            Slider(parameter, limits.unit, value, *ends, not is_linear, rows, law, labels.get(parameter, ""))
+        )
     return sliders
 
 

@@ -8,9 +8,11 @@ from engine.export.exchange_bytes import row_of_exchange, writes_alike
 from engine.export.faults import CannotExport
 from engine.export.row_recorder import RowRecorder, Rows
 from engine.export.scene_bytes import SceneBytes
+from engine.instrument.bent_parameters import bent_parameters
 from engine.live.key_allocator import KeyAllocator
-from engine.live.key_bends import KeyBends, bent_parameters
+from engine.live.key_bends import KeyBends
 from engine.live.midi_notes import Note
+from engine.patch.labels import labels_of
 from engine.patch.live_parameters import LivePath, explain_unknown, value_at
 from engine.patch.live_ranges import live_range
 
@@ -30,6 +32,7 @@ class TableSlider(NamedTuple):
     home: int  # position of the patch's value
     rows: Rows  # one for each position
     overlapping: list[int]  # sliders that change tables of this one: one of them at a time is away from home
+    label: str = ""  # its name for people
 
 
 class Wanted(NamedTuple):
@@ -61,13 +64,14 @@ def add_table_sliders(
     for one, exchanges in zip(wanted, made, strict=True):
         if any(writes_alike(exchanges[0].copies, other.copies) for other in scored):
             raise CannotExport(f"{one.path} can have no slider, as the score or a key changes the same tables")
-    sliders = []
+    sliders, labels = [], labels_of(player.scene, player.live_paths)
     for n, (one, exchanges) in enumerate(zip(wanted, made, strict=True)):
         by_values = {tuple(values): value for value, values in one.positions.items()}
         values = [by_values[exchange.values] for exchange in exchanges]
         alike = [m for m, other in enumerate(made) if m != n and writes_alike(other[0].copies, exchanges[0].copies)]
         rows = [row_of_exchange(laid_out, exchange) for exchange in exchanges]
-        sliders.append(TableSlider(one.path, one.unit, values, values.index(one.home), rows, alike))
+        label = labels.get(one.path, "")
+        sliders.append(TableSlider(one.path, one.unit, values, values.index(one.home), rows, alike, label))
     return sliders
 
 

@@ -12,7 +12,7 @@ from engine.export.faults import CannotExport
 from engine.export.row_recorder import LEVELS, RowRecorder, Rows
 from engine.export.scene_bytes import SceneBytes
 from engine.instrument.key_names import note_name
-from engine.live.midi_notes import MidiError
+from engine.live.midi_drivers import MidiError
 from engine.live.voice_allocator import (
     NOMINAL_VELOCITY,
     RELEASE_DAMPER,

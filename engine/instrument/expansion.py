@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from engine.bodies.table import make_fault
+from engine.instrument.bent_parameters import bent_parameters, events_of_bends
 from engine.instrument.key_frequencies import frequencies_of
 from engine.instrument.key_names import describe_keys, note_name, parse_key, parse_keys
 from engine.instrument.key_sequencer import KeyEvent, KeySequencer, Table, waiting_forces
@@ -98,6 +99,10 @@ def expand_keys(document: dict[str, Any], keys: list[int], score: Score, is_live
     known = len(writer.faults)
     tables = {"force": [one for key in keys for one in waiting_forces(writer, key)] if is_live else []}
     tables["event"] = score_events(writer, keys, Score() if is_live else score, plain["seconds"])
+    if any(note.bend for note in score.notes) and not is_live:
+        bent = list(bent_parameters(writer.sections["body"], keys))
+        expansion.faults += _check_bends(score, {one.key for one in bent})
+        tables["event"] += events_of_bends(bent, score.notes, plain["seconds"] - LATEST_EVENT)
     faults, writer.faults[known:] = writer.faults[known:], []
     for section, written in tables.items():
         for table, origin, name in written:
@@ -144,6 +149,14 @@ def _check_score(score: Score, keys: list[int]) -> Iterator[Any]:
         if note.key not in known:
             message = f"the instrument has no key {note_name(note.key)}"
             yield make_fault(("note", i, "key"), note_name(note.key), message, f"{describe_keys(keys)}")
+
+
+def _check_bends(score: Score, bent: set[int]) -> Iterator[Any]:
+    """The faults of notes that bend, but whose keys cannot."""
+    for i, note in enumerate(score.notes):
+        if note.bend and note.key not in bent:
+            message = f"the key {note_name(note.key)} has no body with a frequency or a tension"
+            yield make_fault(("note", i, "bend"), list(note.bend), message, "leave the bend out")
 
 
 def parse_key_of(document: dict[str, Any], text: str) -> int:

@@ -17,6 +17,7 @@ class PlayedNote(NamedTuple):
     velocity: int
     duration: float  # s
     release: int
+    bend: tuple[tuple[float, float], ...] = ()  # s after the press, semitones above the key
 
     @property
     def end(self) -> float:
@@ -81,7 +82,10 @@ def read_score(document: dict[str, Any]) -> Score:
     """The score of a document. Raises ValidationError, a ValueError."""
     notes = [Note.model_validate(table) for table in document.get("note") or []]
     pedals = [Pedal.model_validate(table) for table in document.get("pedal") or []]
-    played = [PlayedNote(n.time, parse_key(n.key), n.velocity, n.duration, n.release) for n in notes]
+    played = [
+        PlayedNote(n.time, parse_key(n.key), n.velocity, n.duration, n.release, tuple((t, x) for t, x in n.bend))
+        for n in notes
+    ]
     moves = [
         PedalMove(p.time, name, value)
         for p in pedals

@@ -11,6 +11,7 @@ from engine.wording import format_value
 
 MAX_SCORE_SECONDS = 3_600.0  # as a rendering
 DEFAULT_VELOCITY = 80
+MAX_BEND_POINTS, MAX_BEND = 256, 24.0  # of a note, and semitones
 
 
 def _check_key(value: str) -> str:
@@ -136,6 +137,24 @@ class KeyTables(Table):
     )
 
 
+def _check_bend(bend: list[list[float]]) -> list[list[float]]:
+    """Points of a bend, one after another. Raises PydanticCustomError."""
+    times = [time for time, _ in bend]
+    if not all(0.0 <= time <= MAX_SCORE_SECONDS for time in times) or times != sorted(set(times)):
+        raise PydanticCustomError(
+            "scene", "the times of the bend do not increase; each is later than the one before, from 0 on"
+        )
+    if any(not abs(semitones) <= MAX_BEND for _, semitones in bend):
+        raise PydanticCustomError(
+            "scene", "a bend of more than {most} semitones; {most} at most", {"most": f"{MAX_BEND:g}"}
+        )
+    return bend
+
+
+BendPoint = Annotated[list[float], Field(min_length=2, max_length=2)]
+Bend = Annotated[list[BendPoint], Field(max_length=MAX_BEND_POINTS), AfterValidator(_check_bend)]
+
+
 class Note(Table):
     """A note: a key is pressed and released."""
 
@@ -146,6 +165,11 @@ class Note(Table):
         default=1.0, gt=0.0, le=MAX_SCORE_SECONDS, description="duration for which the key is held, s"
     )
     release: int = Field(default=64, ge=0, le=127, description="MIDI release velocity")
+    bend: Bend = Field(
+        default=[],
+        description="bend of its pitch: [[seconds after the press, semitones above the key], …], between which it"
+        " glides; the first holds from the press on, the last until the key is pressed again",
+    )
 
 
 class Pedal(Table):

@@ -48,7 +48,7 @@ def _list_keys(keys: list[int]) -> str:
 
 def _check_pitched(scene: Scene) -> None:
     """Raise ValueError if nothing in a patch without a keyboard can be tuned to notes."""
-    from engine.live.midi_notes import MidiError
+    from engine.live.midi_drivers import MidiError
     from engine.live.voice_allocator import pitched_bodies  # which imports Numba
 
     try:

@@ -85,11 +85,12 @@ class Browser:
         """Return what the page plays, as its `fdh.render` does."""
         return str(self.ask(f"fdh.render({frames}, {json.dumps(messages)})"))
 
-    def emulate(self, width: int, height: int, is_dark: bool = False) -> None:
-        """Let the page believe in a window of this size, and in a dark room."""
+    def emulate(self, width: int, height: int, is_dark: bool = False, is_forced: bool = False) -> None:
+        """Let the page believe in a window of this size, in a dark room, and in colours that the system forces."""
         self._call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
-        scheme = [{"name": "prefers-color-scheme", "value": "dark" if is_dark else "light"}]
-        self._call("Emulation.setEmulatedMedia", features=scheme)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if is_dark else "light"}
+        colours = {"name": "forced-colors", "value": "active" if is_forced else "none"}
+        self._call("Emulation.setEmulatedMedia", features=[scheme, colours])
 
     def key(self, kind: str, code: str, key: str, modifiers: int = 0) -> None:
         """Let a key of the computer go down or up. kind: keyDown | keyUp; modifiers: 1 Alt, 2 Ctrl, 4 Meta, 8 Shift"""

@@ -253,7 +253,7 @@ def test_events_that_wait_for_no_sound_are_refused_at_some_time(library):
 def test_as_many_calls_have_room_as_the_header_says(library, name, event, calls):
     one = library(name)
     given = dict(re.findall(r"#define FDH_(\w+) (\S+)", (one.folder / "fdh_patch.h").read_text("utf-8")))
-    low = re.search(r"FDH_SLIDER_\w+ 0 /\* (\S+) to", (one.folder / "fdh_patch.h").read_text("utf-8"))
+    low = re.search(r"FDH_SLIDER_\w+ 0 /\* .*?(\S+) to", (one.folder / "fdh_patch.h").read_text("utf-8"))
     count = int(given["QUEUE"]) // int(given[f"EVENTS_OF_{event}"])
     key = given["MIDDLE_KEY"]
     lines = [f"0 {call.format(key=key, low=low and low[1])}" for call in calls] * count

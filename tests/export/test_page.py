@@ -272,7 +272,7 @@ def test_a_key_of_a_page_moves_its_bow_the_faster_the_harder_it_is_pressed():
     keys = keys_of_player(player_of_keys(engine.load("violin"), 44_100, "general"))
     key = next(key for key in keys if key.name == "D4")
     speeds = [[row[6] for row in rows if row[0] == EventKind.FRICTION_VELOCITY] for rows in (key.on[0], key.on[-1])]
-    assert speeds == [[pytest.approx(0.12 + 0.4 / 127)], [pytest.approx(0.52)]]
+    assert speeds == [[pytest.approx(0.03 + 0.42 / 127)], [pytest.approx(0.45)]]
     assert [row[6] for row in key.off[0] if row[0] == EventKind.FRICTION_VELOCITY] == [0.0]
 
 

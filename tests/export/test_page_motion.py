@@ -9,10 +9,22 @@ import pytest
 import engine
 from engine.export.motion import MOST_MODES, find_motion
 from engine.export.row_recorder import player_of_scene
-from tests.export.browser import Browser
-from tests.export.pages import needs_browser, page_of
+from tests.export.browser import SOUND_AT_ONCE, Browser
+from tests.export.pages import WAIT_FOR_LEVEL, needs_browser, page_of
 
 RATE = 44_100  # Hz
+TIME_FRAMES = """(async () => {
+  const spent = { draw: [], show: [] };
+  const timed = (name, call) => (...given) => {
+    const begin = performance.now();
+    call(...given);
+    spent[name].push(performance.now() - begin);
+  };
+  draw = timed("draw", draw);
+  show = timed("show", show);
+  await new Promise(done => setTimeout(done, 3000));
+  return spent;
+})()"""
 TOLD_FRAMES = 2048  # between two reports of the audio side
 
 
@@ -54,6 +66,24 @@ def test_what_is_drawn_is_where_the_body_is(name, tmp_path):
             assert np.abs(heights_of(browser, state) - expected).max() <= 0.01 * largest
             compared += largest > 0.0
         assert compared and browser.errors == []
+
+
+@pytest.mark.slow
+@needs_browser
+@pytest.mark.parametrize("name", ["piano", "snare_wires", "bowed_violin"])
+def test_a_frame_takes_little_time(name, tmp_path):
+    """Half of all pictures, and of what is told between them, take less than 2 ms of script while the score plays: on a
+    busy machine some are interrupted."""
+    page_of(name)[0].save(tmp_path / "page.html")
+    with Browser(tmp_path / "browser", options=(SOUND_AT_ONCE,)) as browser:
+        browser.open(tmp_path / "page.html")
+        browser.ask("started")
+        browser.ask("play()")
+        browser.ask(WAIT_FOR_LEVEL)
+        spent = browser.ask(TIME_FRAMES)
+        assert len(spent["draw"]) > 30 and len(spent["show"]) > 10
+        assert np.median(spent["draw"]) < 2.0 and np.median(spent["show"]) < 2.0
+        assert browser.errors == []
 
 
 def of_lowest_sines(shape, places):

@@ -318,15 +318,16 @@ def test_another_sample_rate_is_resampled(rate, tines):
 
 @pytest.mark.parametrize(("name", "key"), mostly_hard(STRUCK, STRUCK[0]))
 def test_between_the_recorded_velocities_the_level_is_near(name, key, tmp_path):
-    """Within 0.5 dB of live sound, from the softest on."""
+    """Within 0.5 dB of live sound, from the softest on; of a bowed note over a second, as the order of its first slips
+    depends on the last digits of the bow's force."""
     scene = engine.load(TWO_TINES if name == "tines" else name)
-    plugin = write_plugin(scene, tmp_path)
+    plugin, frames = write_plugin(scene, tmp_path), RATE if name == "violin" else 8000
     instance, off = plugin.active(), []
     for velocity in (*range(2, 20, 3), *range(20, 127, 13)):
         instance.reset()
         messages = [Message(0, "on", key, velocity)]
-        ours = instance.render(8000, events_of(messages))
-        off.append(20 * math.log10(np.std(ours) / np.std(play_live(scene, RATE, plugin.gain, messages, 8000))))
+        ours = instance.render(frames, events_of(messages))
+        off.append(20 * math.log10(np.std(ours) / np.std(play_live(scene, RATE, plugin.gain, messages, frames))))
     assert len(off) > 10 and max(map(abs, off)) < 0.5
 
 

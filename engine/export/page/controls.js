@@ -12,6 +12,10 @@ function valueOfRows([shift, part, unit, compliance, most], value) {
   return compliance ? value / (1 - Math.min(value * compliance, most)) : (value - shift) / part / unit;
 }
 
+// The value of a slider at a value of its rows.
+const valueOfSlider = ([shift, part, unit, compliance], row) =>
+  compliance ? row / (1 + row * compliance) : row * unit * part + shift;
+
 const sliderRows = (slider, value) => slider.rows.map(row =>
   row.map((x, j) => j === 6 ? valueOfRows(slider.law, value) : x));
 
@@ -47,7 +51,8 @@ function makePads() {
   if (data.pads.length) $("hint").textContent = "Lower on a pad is harder. The computer's keys 1 to 9 strike as the patch does.";
 }
 
-const sliders = []; // with their inputs, the rows of a position, and whether they were moved
+const sliders = []; // with the rows of a position, whether they were moved by hand, and where to
+const REST_AFTER_MOVE = 400; // ms in which the score does not move a slider that somebody moves
 
 // A path in words: contact.felt.stiffness is felt: stiffness.
 const nameOf = path => {
@@ -55,29 +60,32 @@ const nameOf = path => {
   return words.length > 2 ? `${words.slice(1, -1).join(" ")}: ${words.at(-1)}` : words.join(": ");
 };
 
-function addSlider(path, unit, limits, valueOf, rowsOf, placeOf) {
-  const row = document.createElement("div"), label = document.createElement("label");
+function addSlider({ path, unit, label: given }, limits, valueOf, rowsOf, placeOf) {
+  const row = document.createElement("div"), label = document.createElement("label"), name = given || nameOf(path);
   const input = document.createElement("input"), output = document.createElement("output");
   const back = document.createElement("button"), small = document.createElement("small");
   row.className = "slider";
   input.id = label.htmlFor = `slider ${path}`;
   small.textContent = path;
-  label.append(nameOf(path), small);
+  label.append(name, small);
   back.textContent = "↺";
   back.title = "Back to the value of the patch";
-  back.setAttribute("aria-label", `Back to the value of the patch: ${nameOf(path)}`);
+  back.setAttribute("aria-label", `Back to the value of the patch: ${name}`);
+  output.setAttribute("aria-live", "off"); // the score moves it
   Object.assign(input, { type: "range", ...limits });
   const put = place => {
     input.value = place;
-    output.textContent = `${decimals(valueOf(+input.value), 3)} ${unit}`;
+    output.textContent = `${decimals(valueOf(+input.value), 3)} ${unit.replace("^exponent", "ᵅ")}`;
     input.setAttribute("aria-valuetext", output.textContent);
   };
   const move = place => {
     put(place);
-    slider.isMoved = true;
+    Object.assign(slider, { isMoved: true, movedTo: +input.value, movedAt: performance.now() });
     if (playing) send({ rows: slider.rows() });
   };
-  const slider = { path, placeOf, put, move, rows: () => rowsOf(+input.value), place: () => +input.value, isMoved: false };
+  const place = () => +input.value, slider = {
+    path, placeOf, put, move, place, rows: () => rowsOf(slider.movedTo), isMoved: false, movedAt: -Infinity,
+  };
   input.oninput = () => move(input.value);
   back.onclick = () => move(limits.value);
   put(limits.value);
@@ -85,6 +93,16 @@ function addSlider(path, unit, limits, valueOf, rowsOf, placeOf) {
   $("sliders").append(row);
   sliders.push(slider);
   return slider;
+}
+
+// Move sliders to where the score has their numbers. values: of rows, one of each glided slider
+function followScore(values) {
+  values.forEach((value, n) => {
+    const { low, high, law } = data.sliders[n], slider = sliders[n];
+    const place = slider.placeOf(Math.min(high, Math.max(low, valueOfSlider(law, value))));
+    const off = Math.abs(place - slider.place()), all = Math.abs(slider.placeOf(high) - slider.placeOf(low));
+    if (off > 1e-6 * all && performance.now() - slider.movedAt > REST_AFTER_MOVE) slider.put(place);
+  });
 }
 
 let bend = () => {}; // the pitch wheel, from -1 to 1, if the page was made with one
@@ -95,9 +113,10 @@ function makeSliders() {
     const toPlace = x => slider.is_logarithmic ? Math.log10(x) : x;
     const valueOf = place => slider.is_logarithmic ? 10 ** place : place;
     const limits = { min: toPlace(slider.low), max: toPlace(slider.high), step: "any", value: toPlace(slider.value) };
-    addSlider(slider.path, slider.unit, limits, valueOf, place => sliderRows(slider, valueOf(place)), toPlace);
+    addSlider(slider, limits, valueOf, place => sliderRows(slider, valueOf(place)), toPlace);
   }
-  const tabled = data.table_sliders.map(({ path, unit, values, home, rows, overlapping }) => {
+  const tabled = data.table_sliders.map(slider => {
+    const { values, home, rows, overlapping } = slider;
     const limits = { min: 0, max: values.length - 1, step: 1, value: home };
     // tables are made for one slider at a time: others that change the same ones go home before
     const goHome = m => {
@@ -107,7 +126,7 @@ function makeSliders() {
       other.isMoved = false;
       return [rows[home]];
     };
-    return addSlider(path, unit, limits, place => values[place],
+    return addSlider(slider, limits, place => values[place],
       place => [...overlapping.flatMap(goHome), rows[place]],
       value => values.reduce((best, one, i) => Math.abs(one - value) < Math.abs(values[best] - value) ? i : best, 0));
   });

@@ -4,7 +4,7 @@ const COLOURS = ["ink", "soft", "line", "card", "page", "accent", "on-accent"];
 
 function readAddress() {
   const asked = new URLSearchParams(location.search);
-  document.body.classList.toggle("embed", asked.has("embed"));
+  if (asked.has("embed")) document.body.classList.add("embed");
   for (const name of COLOURS) {
     const colour = asked.get(name);
     if (colour && CSS.supports("color", colour)) document.documentElement.style.setProperty(`--${name}`, colour);

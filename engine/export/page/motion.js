@@ -4,7 +4,7 @@ const SWINGS = 0.8; // a second, of the lowest mode as it is drawn
 const FIGURES = 8; // bodies that are drawn at a time
 const figures = []; // canvases with their captions
 const sizes = new Map(); // of a body: the largest displacement now, and since the sound began, m
-let moving = [], isSecond = false; // what the audio side told last; and whether every second picture is due
+let moving = []; // what the audio side told last
 const touches = new Map(); // when each place was touched, ms
 
 function makeMotion() {
@@ -22,7 +22,7 @@ function makeMotion() {
     figure.append(canvas, caption);
     $("motion").append(figure);
     figures.push({ canvas, caption });
-    caption.textContent = bodies[n].name;
+    caption.textContent = bodies[n].name.replaceAll("_", " ");
   }
 }
 
@@ -30,7 +30,7 @@ function takeMotion(told) {
   moving = told.bodies;
   for (const number of told.touches) touches.set(number, performance.now());
   moving.forEach(({ body }, n) => {
-    figures[n].caption.textContent = `${data.motion.bodies[body].name}, ${lengthText(sizes.get(body)?.[0] || 0)}`;
+    figures[n].caption.textContent = `${data.motion.bodies[body].name.replaceAll("_", " ")}, ${lengthText(sizes.get(body)?.[0] || 0)}`;
   });
 }
 
@@ -52,7 +52,6 @@ function shapeOf(body, { q, r, omega, seconds }, shown) {
 const lengthText = x => x < 1e-6 ? "at rest" : x < 1e-3 ? `${+(1e6 * x).toPrecision(2)} µm` : `${+(1e3 * x).toPrecision(2)} mm`;
 
 function drawMotion() {
-  if (isSecond = !isSecond) return; // thirty pictures a second are enough
   const shown = CALM ? 0.25 / SWINGS : performance.now() / 1000;
   moving.forEach((state, n) => {
     const body = data.motion.bodies[state.body], shapes = data.motion.shapes[body.shape];

@@ -77,6 +77,7 @@ async function options(messages, isLive) {
   const { at, names, functions, base, size, block, samplerate, channels, gain, coarsest } = data;
   const motion = { ...data.motion, shapes: [], most: FIGURES };
   const numbers = { at, names, functions, base, size, block, samplerate, channels, gain, coarsest, motion };
+  numbers.places = data.value_places;
   return { ...numbers, kernel, scene, messages, isLive, isFused };
 }
 
@@ -159,10 +160,13 @@ function show(m) {
     showPlay();
   }
   takeMotion(m.motion);
+  followScore(m.values);
   lightScore(m.seconds);
   $("coarse").hidden = !m.quality;
   if (m.silenced) say(`${m.silenced} samples were not finite, and are silent. Play again to start anew.`);
 }
+
+let accent, soft; // colours of the style as it is now
 
 function frameOf(canvas) {
   const { clientWidth: w, clientHeight: h } = canvas, scale = devicePixelRatio || 1;
@@ -173,19 +177,32 @@ function frameOf(canvas) {
   const g = canvas.getContext("2d");
   g.setTransform(scale, 0, 0, scale, 0, 0);
   g.clearRect(0, 0, w, h);
-  g.strokeStyle = getComputedStyle(document.documentElement).getPropertyValue("--accent");
+  g.strokeStyle = accent;
   g.lineWidth = 1.5;
   g.beginPath();
   return [g, w, h];
 }
 
+let samples, bins; // of the analyser: kept, as pictures are many
+
+let isSecond = false; // whether scopes are due, or what moves: thirty pictures a second are enough of either
+
 function draw() {
-  const samples = new Float32Array(analyser.fftSize), bins = new Float32Array(analyser.frequencyBinCount);
+  const style = getComputedStyle(document.documentElement);
+  [accent, soft] = ["--accent", "--soft"].map(name => style.getPropertyValue(name));
+  if (isSecond = !isSecond) drawScopes();
+  else drawMotion();
+  requestAnimationFrame(draw);
+}
+
+function drawScopes() {
+  samples ||= new Float32Array(analyser.fftSize);
+  bins ||= new Float32Array(analyser.frequencyBinCount);
   analyser.getFloatTimeDomainData(samples);
   analyser.getFloatFrequencyData(bins);
   let [g, w, h] = frameOf($("wave"));
   const count = 1024, first = Math.max(0, samples.findIndex((x, i) => i > 0 && samples[i - 1] < 0 && x >= 0));
-  for (let i = 0; i < count; i++)
+  for (let i = 0; i < count; i += 2)
     g.lineTo(i / count * w, h / 2 * (1 - samples[Math.min(first + i, samples.length - 1)]));
   g.stroke();
   label(g, h, [[6, `${decimals(1000 * count / data.samplerate, 2)} ms, from -1 to 1 of full scale`]]);
@@ -193,17 +210,15 @@ function draw() {
   const top = data.samplerate / 2, octaves = Math.log2(top / 30);
   for (let x = 0; x < w; x++) {
     const bin = 30 * 2 ** (x / w * octaves) / top * bins.length;
-    g.lineTo(x, h * Math.min(1, Math.max(0, -bins[Math.min(bins.length - 1, Math.floor(bin))] / 110)));
+    g.lineTo(x, (h - 18) * Math.min(1, Math.max(0, -bins[Math.min(bins.length - 1, Math.floor(bin))] / 110)));
   }
   g.stroke();
   label(g, h, [100, 1000, 10_000].map(f => [Math.log2(f / 30) / octaves * w, f < 1000 ? `${f} Hz` : `${f / 1000} kHz`]));
-  drawMotion();
-  requestAnimationFrame(draw);
 }
 
 // Names of places along the lower edge of a picture.
 function label(g, h, names) {
-  g.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--soft");
+  g.fillStyle = soft;
   g.font = "11px system-ui, sans-serif";
   for (const [x, name] of names) g.fillText(name, x, h - 5);
 }

@@ -45,6 +45,7 @@ class Patch extends AudioWorkletProcessor {
     this.q = view(Float64Array, at.q, at.modes);
     this.p = view(Float64Array, at.p, at.modes);
     this.omegaSquared = view(Float64Array, at.omega_squared, at.modes);
+    this.numbers = view(Float64Array, 0, memory.buffer.byteLength / 8);
     this.flight = view(BigInt64Array, at.flight, at.islands * o.motion.flight[0]);
     this.touches = new Set(); // places that were touched since the last report
     this.out = view(Float32Array, room, o.block * o.channels);
@@ -105,7 +106,7 @@ class Patch extends AudioWorkletProcessor {
   }
   // Write rows into the player's queue, as many as it has room for.
   sendEvents() {
-    const soon = this.song.findIndex(row => row[4] >= this.frame + 4 * this.o.block);
+    const soon = this.song.findIndex(row => row[4] >= this.frame + 8 * this.o.block);
     this.waiting.push(...this.song.splice(0, soon < 0 ? this.song.length : soon));
     let sent = 0;
     while (sent < this.waiting.length && this.sendEvent(this.waiting[sent])) sent++;
@@ -129,7 +130,7 @@ class Patch extends AudioWorkletProcessor {
     const { channels } = this.o, frames = out[0].length, begin = this.now();
     this.takeDue();
     this.sendEvents();
-    for (let done = 0; done < frames;) { // browsers ask for 128 frames, and may ask for more one day
+    for (let done = 0; done < frames;) {
       const count = Math.min(frames - done, this.o.block);
       this.x.play(...this.call, BigInt(count));
       for (let c = 0; c < out.length; c++) {
@@ -139,11 +140,11 @@ class Patch extends AudioWorkletProcessor {
       if (this.recorded) this.recorded.push(this.out.slice(0, count * channels));
       done += count;
       this.frame += count;
+      for (const f of this.force) if (f > this.largestForce) this.largestForce = f;
+      this.o.motion.touched.forEach(({ contact }, n) => {
+        if (this.force[contact] !== 0) this.touches.add(n);
+      });
     }
-    for (const f of this.force) if (f > this.largestForce) this.largestForce = f;
-    this.o.motion.touched.forEach(({ contact }, n) => {
-      if (this.force[contact] !== 0) this.touches.add(n);
-    });
     this.spent += this.now() - begin;
     this.frames += frames;
     if (this.frames >= 2048) this.report();
@@ -166,6 +167,7 @@ class Patch extends AudioWorkletProcessor {
       force: this.largestForce,
       seconds: this.frame / this.o.samplerate,
       motion: this.motion(),
+      values: this.o.places.map(([address, shift, unit]) => (this.numbers[address / 8] - shift) / unit),
     });
     this.touches.clear();
     gauges[Gauge.PEAK] = 0;

@@ -16,7 +16,8 @@ from engine.live.controls import Controls
 from engine.live.instrument_notes import scene_of_file, score_of_notes
 from engine.live.key_allocator import KeyAllocator, live_scene
 from engine.live.midi import render_notes
-from engine.live.midi_notes import MidiError, Note
+from engine.live.midi_drivers import MidiError
+from engine.live.midi_notes import Note
 from engine.live.midi_parts import Excerpt
 from engine.live.midi_port import take_message
 from engine.live.mpe import MpeZones, NoteChannels

@@ -65,7 +65,7 @@ SCALES = {"meantone": MEANTONE, "werckmeister": WERCKMEISTER, "bohlen_pierce": B
 FIVE_KEYS = "! C D F G A\n12\n0\n127\n60\n60\n261.6\n5\n0\nx\n1\nx\nx\n2\nx\n3\nx\n4\nx\nx\n"
 WHITE_KEYS = "! white keys of C major\n12\n0\n127\n60\n69\n432.0\n12\n0\nx\n2\nx\n4\n5\nx\n7\nx\n9\nx\n11\n"
 INSTRUMENTS = [path for path in sorted((ROOT / "patches").rglob("*.toml")) if engine.load(path).instrument]
-DRUMS = ("snare", "toms", "drum")  # have pitches of their own
+DRUMS = ("kit", "snare", "toms", "drum")  # have pitches of their own
 
 OSCILLATORS = {
     "keyboard": {"keys": "C3..C6"},

@@ -7,12 +7,14 @@ import pytest
 
 import engine
 from bench.accuracy.bowing import SAMPLERATE
+from bench.accuracy.pitch import partial_motion
 from engine.analysis.bowing import playing_ranges, schelleng_forces
 from engine.assembly.build import build
 from engine.cli import main
 from engine.instrument.key_names import note_frequency, parse_key
+from engine.live.controls import Controls
 from engine.live.key_allocator import KeyAllocator, live_scene
-from engine.live.midi_notes import Note
+from engine.live.midi_notes import Move, Note
 from engine.live.player import Player
 
 D4 = 293.66  # Hz
@@ -90,6 +92,76 @@ def test_a_key_of_the_violin_sounds_in_helmholtz_motion(key):
 def test_a_key_that_is_pressed_harder_is_louder():
     soft, loud = (np.std(play_note("D4", velocity, 0.6).audio[SAMPLERATE // 3 :]) for velocity in (30, 110))
     assert loud > 1.5 * soft
+
+
+@pytest.mark.hard_but("D4")
+@pytest.mark.parametrize("key", ["G3", "D4", "F#4", "C5", "E5", "D6"])
+def test_a_key_that_is_pressed_harder_is_brighter(key):
+    """From MIDI 10 to 127 by more than 15 dB louder, while the mean frequency of its spectrum rises."""
+    levels, means = [], []
+    for velocity in (10, 127):
+        sound = play_note(key, velocity).audio[-SAMPLERATE // 2 :]
+        power = np.sum(np.abs(np.fft.rfft(sound * np.hanning(len(sound))[:, None], axis=0)) ** 2, axis=1)
+        levels.append(10 * math.log10(power.sum()))
+        means.append(np.arange(power.size) @ power / power.sum())
+    assert levels[1] > levels[0] + 15.0
+    assert means[1] > 1.004 * means[0]
+
+
+def test_the_violin_has_two_sides():
+    """Neither channel is the other with another gain, and neither is much softer."""
+    left, right = play_note("D4", 80).audio.T
+    assert abs(np.corrcoef(left, right)[0, 1]) < 0.97
+    assert abs(10 * math.log10(np.mean(left**2) / np.mean(right**2))) < 6.0
+
+
+def hold_and_turn(controller: int, value: float, key: int = 64) -> np.ndarray:
+    """Half a second of a note that is held, live, and has no vibrato, a while after a move: [frames, channels]"""
+    scene = live_scene(engine.load("violin"), [key])
+    player = Player(scene, SAMPLERATE, math.inf, gain=1e-3, waiting=True)
+    keys, controls, sounds = KeyAllocator(player), Controls(scene, player), []
+    keys.play(Note(0, "soft", 0, 127))
+    keys.play(Note(0, "on", key, 80))
+    for n in range(80):
+        if n == 10:
+            controls.move(Move("cc", controller, 1, value))
+        controls.poll()
+        sounds.append(np.zeros((441, player.channels), np.float32))
+        player.render_into(sounds[-1])
+    assert not controls.refused
+    return np.concatenate(sounds[30:])
+
+
+@pytest.mark.hard
+def test_expression_swells_a_note():
+    soft, loud = (np.std(hold_and_turn(11, value)) for value in (0.2, 1.0))
+    assert 20 * math.log10(loud / soft) > 15.0
+
+
+def cents_of_last(sound: np.ndarray, key: int) -> float:
+    """How far the end of a note is from its key."""
+    return 1200 * math.log2(pitch(sound[-SAMPLERATE // 4 :, 0], note_frequency(key)) / note_frequency(key))
+
+
+@pytest.mark.parametrize("key", [64, pytest.param(76, marks=pytest.mark.hard)])
+def test_the_modulation_wheel_rolls_the_finger(key):
+    """By some 20 cents; an open string, which has none, keeps its pitch."""
+    flat, sharp = (cents_of_last(hold_and_turn(1, value, key), key) for value in (0.0, 1.0))
+    assert abs(sharp - flat) < 1.0 if key == 76 else 15.0 < sharp - flat < 35.0
+
+
+def test_the_soft_pedal_takes_the_vibrato_of_the_next_key():
+    """The pitch of E4 swings by more than 15 cents without it, by less than 3 with it, and is in tune with both."""
+    swings = []
+    for soft in (0.0, 1.0):
+        document = engine.load("violin").document | {"seconds": 1.4, "pedal": [{"time": 0.0, "soft": soft}]}
+        document |= {"note": [{"time": 0.01, "key": "E4", "velocity": 80, "duration": 1.4}]}
+        motion = partial_motion(engine.render(engine.load(document)).audio, SAMPLERATE, note_frequency(64), 6.0)
+        turned = np.unwrap(np.angle(motion[round(0.7 * SAMPLERATE) : round(1.25 * SAMPLERATE), 0]))
+        cents = 1200 * np.log2(1 + np.diff(turned[::441]) / (2 * np.pi * 0.01) / note_frequency(64))
+        assert abs(cents.mean()) < 5.0
+        swings.append(np.ptp(cents))
+    assert swings[0] > 15.0 and swings[1] < 3.0
 
 
 def test_a_key_takes_the_string_from_another_and_lifts_its_bow():

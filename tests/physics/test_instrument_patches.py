@@ -110,3 +110,27 @@ def test_the_taraf_answer_a_note_of_the_sitar():
         for more in ({}, parts)
     )
     assert np.std(with_taraf) > 10.0 * np.std(without)
+
+
+def test_pressure_and_wheel_pull_the_sitar_by_three_semitones():
+    """A pull raises the tension, so that the same one is three semitones at each key."""
+    document = tomllib.loads((ROOT / "patches" / "sitar.toml").read_text("utf-8"))
+    controls = {control["kind"]: control for control in document["control"]}
+    assert set(controls) == {"pressure", "poly_pressure"} and document["midi"]["bend_range"] == 3
+    string = document["key"]["body"][0]
+    for control in controls.values():
+        assert control["parameter"] == "body.string.tension"
+        assert control["range"][0] == string["tension"]
+        assert 600 * np.log2(control["range"][1] / control["range"][0]) == pytest.approx(300.0, abs=0.1)
+
+
+@pytest.mark.hard
+@pytest.mark.parametrize(("key", "pitch"), [("C3", 130.8128), ("C4", 261.6256)])
+def test_a_pulled_string_of_the_sitar_is_three_semitones_higher(key, pitch):
+    document = tomllib.loads((ROOT / "patches" / "sitar.toml").read_text("utf-8"))
+    note = {"time": 0.0, "key": key, "duration": 1.0, "bend": [[0.0, 3.0]]}
+    rendering = engine.render(engine.load(document | {"note": [note], "seconds": 1.0}), samplerate=RATE)
+    begin, end = (round(t * RATE) for t in EDGES)
+    found = frequency_near(rendering.audio[begin:end].mean(axis=1), pitch * 2**0.25)
+    assert abs(1200 * np.log2(found / pitch) - 300.0) < 6.0
+    assert rendering.stats.energy.error_max <= 1e-10

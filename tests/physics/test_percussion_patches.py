@@ -165,7 +165,7 @@ def test_the_head_of_a_tom_throws_the_stick_back():
 @pytest.mark.hard
 def test_a_tom_falls_in_pitch_as_recorded_ones_do():
     """Those fall by 230 to 310 cents in 0.4 s after the hardest of five blows, with less level by less, and by 31 after
-    the softest (docs/bench.md, Toms that fall in pitch); others by 140 after a hard blow."""
+    the softest (docs/recordings.md, Toms that fall in pitch); others by 140 after a hard blow."""
     hard, soft = (read_glide(play("toms", "A2", velocity, 0.5).audio, RATE) for velocity in (114, 38))
     assert 140.0 < hard.fall() < 310.0
     assert 20.0 < soft.fall() < hard.fall() / 3

@@ -1,13 +1,14 @@
-"""`uv run python -m bench`: list the names; `… bench NAME …`: run some measurements, and `… bench all`: all that make
-tables; `… bench compare OLD NEW`: which times have moved; `… bench golden OLD [NEW]`: whether the samples are the
-same; `… bench machines`: whether tables depend on the machine; `… bench pairs OLD [NEW]`: both timed in turn; `…
-bench builds OLD`: how long tables take to build; `… bench events`: the price of an event; `… bench levels`: kernels
-for each level of this processor; `… bench inputs`: the delay of a note behind a controller; `… bench notes FOLDER`:
-whether each note of MIDI files sounds as it does alone; `… bench shipped`: make the machine code that comes with the
-engine; `… bench stale`: which tables are of older kernels; `… bench site [FOLDER]`: the guides as a site; `… bench
-playable [FOLDER]`: a site on which every patch plays; `… bench ruler_package FOLDER`: the problems of the ruler as a
-package of their own; `… bench recordings FOLDER`: how far pianos and toms are from recorded ones; `… bench exhibit
-PATCH …`: the parts of the gallery that show some patches; `… bench pieces [PATCH …]`: its pieces of music."""
+"""`uv run python -m bench`: list the names; `… bench NAME …`: run some measurements, and `… bench all`: all whose
+tables are of older kernels, so that a run that was stopped goes on (`… bench all --anew`: all of them); `… bench
+compare OLD NEW`: which times have moved; `… bench golden OLD [NEW]`: whether the samples are the same; `… bench
+machines`: whether tables depend on the machine; `… bench pairs OLD [NEW]`: both timed in turn; `… bench builds OLD`:
+how long tables take to build; `… bench events`: the price of an event; `… bench levels`: kernels for each level of this
+processor; `… bench inputs`: the delay of a note behind a controller; `… bench notes FOLDER`: whether each note of MIDI
+files sounds as it does alone; `… bench shipped`: make the machine code that comes with the engine; `… bench stale`:
+which tables are of older kernels; `… bench site [FOLDER]`: the guides as a site; `… bench playable [FOLDER]`: a site on
+which every patch plays; `… bench ruler_package FOLDER`: the problems of the ruler as a package of their own; `… bench
+recordings FOLDER`: how far pianos and toms are from recorded ones; `… bench exhibit PATCH …`: the parts of the gallery
+that show some patches; `… bench pieces [PATCH …]`: its pieces of music."""
 
 import ast
 import difflib
@@ -45,7 +46,10 @@ MEASUREMENTS = {  # in this order
         ),
         "endurance",
     ],
-    "accuracy": ["price", "jvari", "metric", "hard", "one_way", "bowing", "bowed_pitch", "estimates", "features"],
+    "accuracy": [
+        *("price", "jvari", "metric", "hard", "one_way", "bowing", "bowed_pitch", "estimates", "features"),
+        *("pitch", "steps"),
+    ],
     "paper": ["newton", "figures", "equations"],
     "rivals": ["peers"],
     "ruler": ["ruler", "slope", "loss", "chosen"],
@@ -101,7 +105,9 @@ def main() -> int:
         for name in (*PACKAGE, *OTHERS):
             print(describe(name))
         return 0
-    names = list(PACKAGE) if sys.argv[1:] == ["all"] else sys.argv[1:]
+    names = sys.argv[1:]
+    if names in (["all"], ["all", "--anew"]):
+        names = [name for name in PACKAGE if names[1:] or not stale.is_finished(name)]
     if unknown := [name for name in names if name not in PACKAGE]:
         near = difflib.get_close_matches(unknown[0], [*PACKAGE, *OTHERS], 1)
         remedy = f"did you mean {near[0]}?" if near else "python -m bench lists the names"

@@ -3,7 +3,7 @@
 import numpy as np
 
 import engine
-from bench.performance.instruments import measure
+from bench.performance.turns import Replay, time_in_turn
 from bench.publish.report import pin, publish
 from bench.recordings.measure import band_levels, difference
 
@@ -67,9 +67,6 @@ def run() -> None:
     publish("one_way", ["board", "difference, dB", *decays], rows)
     rows = []
     for strings in (1, 12, 60):
-        times = []
-        for one_way in (False, True):
-            scene = many_strings(strings, one_way)
-            times.append(f"{measure(scene, 0.5, metered=True, repeats=3)[0] * 1e9:.0f}")
-        rows.append([f"{strings}", *times])
+        replays = (Replay(many_strings(strings, one_way), 0.5, metered=True) for one_way in (False, True))
+        rows.append([f"{strings}", *(taken.nanoseconds for taken in time_in_turn(*replays, turns=5))])
     publish("one_way_cost", ["strings", "ns per sample, two-way", "ns per sample, one-way"], rows, "one_way")

@@ -9,7 +9,7 @@ import numpy as np
 
 import engine
 from bench.accuracy.metric import ALPHAS, DECADES, RATE, collision
-from bench.performance.instruments import measure
+from bench.performance.turns import Replay, time_in_turn
 from bench.publish.report import ROOT, figure, pin, publish
 from bench.scenes.families import tanpuras
 from engine.offline.statistics import newton_statistics
@@ -119,12 +119,12 @@ def tolerance() -> None:
     for name, scene in scenes.items():
         for close in TOLERANCES:
             told = scene.model_copy(update={"accuracy": Accuracy(tolerance=close)})
-            ns, runner, _ = measure(told, 0.5, 0.06, metered=True, repeats=5)
-            found = newton_statistics(runner.model, runner.state)
-            error = runner.energies()["error_max"]
-            rows.append(
-                [name, f"{close:.0e}", f"{found['mean']:.2f} / {found['max']}", f"{ns * 1e9:.0f}", f"{error:.0e}"]
-            )
+            replay = Replay(told, 0.5, 0.06, metered=True)
+            (taken,) = time_in_turn(replay)
+            found = newton_statistics(replay.simulation.model, replay.simulation.state)
+            error = replay.simulation.energies()["error_max"]
+            iterations = f"{found['mean']:.2f} / {found['max']}"
+            rows.append([name, f"{close:.0e}", iterations, taken.nanoseconds, f"{error:.0e}"])
     publish(
         "tolerance",
         ["scene", "tolerance", "iterations, mean / maximum", "ns per sample", "energy error"],

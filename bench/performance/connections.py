@@ -2,22 +2,22 @@
 over the same modes; the error of energy beside."""
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numba
 import numpy as np
 
 import engine
-from bench.performance.instruments import measure
+from bench.performance.turns import RATE, Replay, time_in_turn
 from bench.publish.report import figure, pin, publish
 from bench.scenes.choirs import choir, keyboard, struck_choir
 from engine.assembly.build import build
 from engine.kernel.modes.mode_step import Motion, free_step
 from engine.offline.simulation import Simulation, time_block
 
-RATE = 44_100
-FRAMES = 256
-REPEATS = 400
+BLOCK = 256
+REPEATS = 40  # blocks of a turn
 UNHEARD = [{"body": "board", "quantity": "force"}]  # no contacts: the pickup costs nothing
 
 
@@ -30,24 +30,27 @@ def fused_passes(h: Any, compensation: np.ndarray, q: np.ndarray, p: np.ndarray,
     return lost
 
 
-def time_fused_pass(scene: engine.Scene) -> float:
-    """ns of a step of the modes of a scene, if nothing were joined."""
+def fused_pass(scene: engine.Scene) -> Callable[[], float]:
+    """Return what steps the modes of a scene as if nothing were joined, and returns the seconds of a step."""
     model, state, _ = build(scene, RATE)
     state.p[:] = 1.0
-    best = np.inf
-    for _ in range(REPEATS + 1):  # the first compiles
+
+    def run() -> float:
         begin = time.perf_counter()
-        fused_passes(model.step, state.kick_compensation, state.q, state.p, FRAMES)
-        best = min(best, time.perf_counter() - begin)
-    return float(best / FRAMES * 1e9)
+        for _ in range(REPEATS):
+            fused_passes(model.step, state.kick_compensation, state.q, state.p, BLOCK)
+        return (time.perf_counter() - begin) / REPEATS / BLOCK
+
+    run()  # compiles
+    return run
 
 
-def time_joined(scene: engine.Scene) -> float:
-    """ns of a sample of a scene in free vibration."""
+def joined(scene: engine.Scene) -> Callable[[], float]:
+    """Return what renders a scene in free vibration, and returns the seconds of a sample."""
     model, state, _ = build(scene, RATE, scene.accuracy.replace(silence=-np.inf))
     state.p[:] = 1.0
-    simulation, audio = Simulation(model, state, measure_energy=False), np.zeros((FRAMES, 1))
-    return float(min(time_block(simulation, audio) for _ in range(REPEATS)) / FRAMES * 1e9)
+    simulation, audio = Simulation(model, state, measure_energy=False), np.zeros((BLOCK, 1))
+    return lambda: sum(time_block(simulation, audio) for _ in range(REPEATS)) / REPEATS / BLOCK
 
 
 def first_partial(scene: engine.Scene) -> tuple[np.ndarray, np.ndarray]:
@@ -80,8 +83,10 @@ def run() -> None:
     free = []
     for strings, table in (("1", choir(1)), ("3", choir(3)), ("207", keyboard())):
         scene = engine.Scene.model_validate(table | {"pickup": UNHEARD})
-        modes, fused, joined = build(scene, RATE)[1].q.size, time_fused_pass(scene), time_joined(scene)
-        free.append([f"{strings} + board", f"{modes}", f"{fused:.0f}", f"{joined:.0f}", f"{joined / fused:.2f}"])
+        modes = build(scene, RATE)[1].q.size
+        fused, whole = time_in_turn(fused_pass(scene), joined(scene))
+        ratio = f"{whole.median / fused.median:.2f}"
+        free.append([f"{strings} + board", f"{modes}", fused.nanoseconds, whole.nanoseconds, ratio])
     times = ["unconnected modes, ns per sample", "connected bodies, ns per sample"]
     publish("joined", ["strings", "modes", *times, "ratio"], free, "connections")
     rows = []
@@ -89,8 +94,8 @@ def run() -> None:
         found = []
         for settings in ({}, {"substeps": 2}, {"order": 4}):
             changed = scene.model_copy(update={"accuracy": scene.accuracy.replace(**settings)})
-            seconds = measure(changed, 1.0, metered=True, repeats=3)[0]
-            found.append(f"{1 / (seconds * RATE):.0f}")
+            (taken,) = time_in_turn(Replay(changed, 1.0, metered=True), turns=5)
+            found.append(f"{1 / (taken.median * RATE):.0f}")
             error = engine.render(changed, 10.0).stats.energy.error_max
             found.append(f"{error:.0e}")
         rows.append([name, *found])

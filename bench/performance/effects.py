@@ -5,53 +5,28 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
 
 import engine
 from bench.performance.stripped import strip
+from bench.performance.turns import RATE, Replay, time_in_turn
 from bench.publish.report import ROOT, figure, pin, publish
 from bench.scenes.families import EFFECTS, NOTHING, with_effects
-from engine.assembly.build import build
-from engine.kernel.data.axes import arrays_of
-from engine.offline.simulation import Simulation
-from engine.patch.accuracy import Accuracy
 
-RATE = 44_100
 FRAMES = 8_192
-REPEATS = 40
-
-
-def cost(scene: engine.Scene, silence: float = -np.inf, frames: int = FRAMES, warm: int = 0) -> float:
-    """ns per sample from time 0 on, or after `warm` samples; minimum of the repeats."""
-    model, state, _ = build(scene, RATE, Accuracy(silence=silence))
-    simulation = Simulation(model, state, measure_energy=False)
-    out = np.zeros((frames, scene.channels))
-    for _ in range(warm // frames):
-        simulation.render_block(out)
-    simulation.render_block(out[:64])
-    saved = [(array, array.copy()) for array in arrays_of(state)]
-    best = np.inf
-    for _ in range(REPEATS):
-        for array, copy in saved:
-            array[...] = copy
-        begin = time.perf_counter()
-        simulation.render_block(out)
-        best = min(best, time.perf_counter() - begin)
-    return best / frames * 1e9
 
 
 def each() -> None:
     """Each effect alone, and all together."""
-    base = cost(with_effects({}))
-    rows, bars = [], []
+    rows, bars, base = [], [], Replay(with_effects({}), FRAMES / RATE)
     for name in (*EFFECTS, "all"):
         names = EFFECTS if name == "all" else ("contact", name) if name == "contact loss" else (name,)
-        idle, working = (cost(with_effects(dict.fromkeys(names, strength))) for strength in (NOTHING, 1.0))
-        rows.append([name, f"{base:.1f}", f"{idle:.1f}", f"{working:.1f}"])
-        bars.append((name, base, idle, working))
+        scenes = (with_effects(dict.fromkeys(names, strength)) for strength in (NOTHING, 1.0))
+        times = time_in_turn(base, *(Replay(scene, FRAMES / RATE) for scene in scenes))
+        rows.append([name, *(taken.nanoseconds for taken in times)])
+        bars.append((name, *(taken.median * 1e9 for taken in times)))
     publish("effects", ["effect, ns per sample", "absent", "present with zero strength", "active"], rows)
     with figure("effects", 9.0, 4.0) as axes:
         place = np.arange(len(bars))
@@ -102,18 +77,22 @@ def awake(count: int, islands: int = 64) -> engine.Scene:
 
 def culling() -> None:
     """Cost against the number of islands awake, and of a tail in which all has died."""
-    rows = []
-    costs = {n: cost(awake(n), silence=-120.0, warm=FRAMES) for n in (0, 1, 8, 32, 64)}
-    for n, ns in costs.items():
-        rows.append([f"{n} of 64 subsystems active", f"{ns:.0f}", f"{ns / costs[64]:.3f}"])
+    turn, silence = FRAMES / RATE, -120.0
+    counts = (0, 1, 8, 32, 64)
+    times = time_in_turn(*(Replay(awake(n), turn, turn, silence=silence) for n in counts))
+    rows = [
+        [f"{n} of 64 subsystems active", taken.nanoseconds, f"{taken.median / times[-1].median:.3f}"]
+        for n, taken in zip(counts, times, strict=True)
+    ]
     tanpura = engine.load(ROOT / "patches" / "tanpura.toml")
-    busy = cost(tanpura, silence=-120.0, warm=FRAMES)
     away = [c.model_copy(update={"bridge": c.bridge.model_copy(update={"height": -1.0})}) for c in tanpura.contact]
-    free = cost(tanpura.model_copy(update={"contact": away}), silence=-120.0, warm=FRAMES)
-    rows.append(["tanpura string on its bridge", f"{busy:.0f}", "1"])
-    rows.append(["the same string, too far from the bridge to touch it", f"{free:.0f}", f"{free / busy:.3f}"])
-    died = cost(tanpura, silence=-120.0, warm=60 * RATE)
-    rows.append(["the same string, after its sound has ended", f"{died:.1f}", f"{died / busy:.4f}"])
+    free = tanpura.model_copy(update={"contact": away})
+    scenes = {"tanpura string on its bridge": tanpura, "the same string, too far from the bridge to touch it": free}
+    replays = [Replay(scene, turn, turn, silence=silence) for scene in scenes.values()]
+    names = [*scenes, "the same string, after its sound has ended"]
+    times = time_in_turn(*replays, Replay(tanpura, turn, 60.0, silence=silence))
+    for name, taken in zip(names, times, strict=True):
+        rows.append([name, taken.nanoseconds, f"{taken.median / times[0].median:.3g}"])
     publish("culling", ["scene", "ns per sample", "ratio"], rows, "effects")
 
 

@@ -1,54 +1,11 @@
 """How fast bodies with many modes run, alone and many at once, on one core and on two."""
 
-import time
-
 import numpy as np
 
-import engine
+from bench.performance.turns import RATE, Replay, time_in_turn
 from bench.publish.report import pin, publish
 from bench.scenes.families import bank, hammered, tanpuras
-from engine.assembly.build import build
-from engine.kernel.data.axes import arrays_of
-from engine.offline.simulation import Simulation
 from engine.offline.statistics import newton_statistics
-
-RATE = 44_100
-FRAMES = 16_384
-REPEATS = 15
-
-
-def measure(
-    scene: engine.Scene,
-    seconds: float,
-    warm: float = 0.0,
-    cores: int = 1,
-    metered: bool = False,
-    repeats: int = REPEATS,
-) -> tuple[float, Simulation, np.ndarray]:
-    """Seconds per sample, minimum of the repeats from the state after `warm` seconds; the simulation, and
-    the last samples."""
-    model, state, _ = build(scene, RATE, scene.accuracy.replace(silence=-np.inf))
-    if not state.p.any() and model.force is None:
-        state.p[:] = 1.0  # or it would sleep
-    simulation = Simulation(model, state, cores, metered)
-    out = np.zeros((FRAMES, scene.channels))
-
-    def render(frames: int) -> None:
-        for begin in range(0, frames, FRAMES):
-            simulation.render_block(out[: min(FRAMES, frames - begin)])
-
-    render(64)  # compiles
-    render(max(0, round(warm * RATE) - 64))
-    saved = [(array, array.copy()) for array in arrays_of(state)]
-    frames = round(seconds * RATE)
-    best = np.inf
-    for _ in range(repeats):
-        for array, copy in saved:
-            array[...] = copy
-        begin = time.perf_counter()
-        render(frames)
-        best = min(best, (time.perf_counter() - begin) / frames)
-    return best, simulation, out
 
 
 def alone() -> None:
@@ -71,17 +28,17 @@ def alone() -> None:
         ),
     ]
     for name, scene, modes, seconds, warm in families:
-        best, simulation, _ = measure(scene, seconds, warm)
-        metered, checked, _ = measure(scene, seconds, warm, metered=True)
-        solves = newton_statistics(simulation.model, simulation.state)
+        plain, checked = Replay(scene, seconds, warm), Replay(scene, seconds, warm, metered=True)
+        time, metered = time_in_turn(plain, checked)
+        solves = newton_statistics(plain.simulation.model, plain.simulation.state)
         rows.append(
             [
                 name,
-                f"{1 / best / RATE:.1f}",
-                f"{best * 1e9:.0f}",
-                f"{best * 1e9 / modes:.2f}",
-                f"{1 / metered / RATE:.1f}",
-                f"{checked.energies()['error_max']:.0e}",
+                f"{1 / time.median / RATE:.1f}",
+                time.nanoseconds,
+                f"{time.median * 1e9 / modes:.2f}",
+                f"{1 / metered.median / RATE:.1f}",
+                f"{checked.simulation.energies()['error_max']:.0e}",
                 f"{solves['mean']:.2f} / {solves['max']}" if solves["solves"] else "none",
             ]
         )
@@ -96,23 +53,21 @@ def together() -> None:
     families = [(f"{n} hammered strings of 61 modes", hammered(n, 61), 2.0) for n in (2, 4, 8, 16, 64)]
     families += [(f"{n} tanpura strings, 16-point bridges", tanpuras(n, 16), 0.4) for n in (2, 16)]
     for name, scene, seconds in families:
-        one = two = np.inf
-        for _ in range(6):  # in turn, so that a slow phase of the machine meets both
-            slow, _, heard = measure(scene, seconds, repeats=4)
-            fast, simulation, again = measure(scene, seconds, cores=2, repeats=4)
-            one, two = min(one, slow), min(two, fast)
-        same = "yes" if np.array_equal(heard, again) else "**no**"
-        rows.append(
-            [
-                name,
-                str(simulation.partitions),
-                f"{1 / one / RATE:.1f}",
-                f"{1 / two / RATE:.1f}",
-                f"{one / two:.2f}",
-                same,
-            ]
-        )
-    header = ["scene", "partitions", "× real time, one core", "× real time, two cores", "ratio", "same samples"]
+        alone, both = Replay(scene, seconds), Replay(scene, seconds, cores=2)
+        one, two = time_in_turn(alone, both)
+        same = "yes" if np.array_equal(alone.audio, both.audio) else "**no**"
+        speeds = f"{1 / one.median / RATE:.1f}", f"{1 / two.median / RATE:.1f}", f"{one.median / two.median:.2f}"
+        spread = f"{100 * max(one.spread, two.spread):.0f} %"
+        rows.append([name, str(both.simulation.partitions), *speeds, spread, same])
+    header = [
+        "scene",
+        "partitions",
+        "× real time, one core",
+        "× real time, two cores",
+        "ratio",
+        "spread",
+        "same samples",
+    ]
     publish("cores", header, rows, "instruments")
 
 

@@ -120,7 +120,7 @@ def worst(scene: engine.Scene, cores: int) -> float:
     found, awake = [], scene.model_copy(update={"accuracy": scene.accuracy.replace(silence=-np.inf)})
     for _ in range(RUNS):
         player = Player(awake, gain=1e-3, cores=cores)
-        if not player.state.p.any() and player.model.force is None:
+        if not player.state.p.any() and not player.scene.force:
             player.state.p[:] = 1.0  # a bank at rest would sleep
         player.gauges[Gauge.LOAD_HIGH] = np.inf  # at the full quality
         out = np.zeros((BLOCK, player.channels), np.float32)

@@ -11,6 +11,9 @@ energy errors and the numbers of solves that were ended early. Changes of the ta
 
 The last line has the geometric mean of the ratios. A version against itself: 0.99 to 1.01, and single patches 0.93 to
 1.08.
+
+`… bench pairs OLD --guard` is the check of a pull request: three patches in less than a minute, by the machine code
+that either version ships for its own sources, with a warning where the mean is over 1.15.
 """
 
 import argparse
@@ -39,6 +42,8 @@ TRIAL_FRAMES = 1024  # in a block of the first turn
 RATE = 44_100
 TIMED = "engine", "patches"  # folders of the working tree that are compared
 MACHINE_CODE = "*.zip", "*.tar.xz"  # in engine/shipped: those of earlier versions, and of this one
+GUARDED = "piano_c4", "guitar_frets", "tanpura"  # a soft blow, stiff frets, many points
+WARNED, GUARD_SECONDS, GUARD_TURNS = 1.15, 0.5, 6
 
 
 class Version:
@@ -76,9 +81,9 @@ class Times(NamedTuple):
 
 
 @contextmanager
-def without_machine_code(revisions: list[str]) -> Iterator[list[Path]]:
+def copies_of(revisions: list[str], with_machine_code: bool) -> Iterator[list[Path]]:
     """Folders with copies of two revisions, or of one and the working tree. Raises CalledProcessError."""
-    ignored = shutil.ignore_patterns(*MACHINE_CODE, "__pycache__")
+    ignored = shutil.ignore_patterns("__pycache__", *(() if with_machine_code else MACHINE_CODE))
     with checked_out(revisions) as trees, tempfile.TemporaryDirectory() as folder:
         copies = []
         for tree, age in zip([*trees, ROOT][:2], ("old", "new"), strict=True):
@@ -127,10 +132,23 @@ def row(name: str, old: Times, new: Times) -> str:
     return f"{name:<22} {old.ns:9.1f} {new.ns:9.1f} {new.ns / old.ns:10.3f}   {errors:<15}   {capped}"
 
 
-def summary(found: list[list[Times]]) -> str:
+def mean_ratio(found: list[list[Times]]) -> float:
     """The geometric mean of the ratios."""
-    mean = math.exp(sum(math.log(new.ns / old.ns) for old, new in found) / len(found))
-    return f"new / old, geometric mean of {len(found)}: {mean:.3f}"
+    return math.exp(sum(math.log(new.ns / old.ns) for old, new in found) / len(found))
+
+
+def summary(found: list[list[Times]]) -> str:
+    """The geometric mean of the ratios, in words."""
+    return f"new / old, geometric mean of {len(found)}: {mean_ratio(found):.3f}"
+
+
+def warning(found: list[list[Times]]) -> str:
+    """A warning where a version is slower than noise explains, in the form that a workflow shows; or nothing."""
+    if mean_ratio(found) <= WARNED:
+        return ""
+    begin = "::warning::" if os.environ.get("GITHUB_ACTIONS") else "warning: "
+    remedy = "python -m bench pairs OLD has all patches"
+    return f"{begin}this version takes {mean_ratio(found):.2f} of the time of the old one; {remedy}"
 
 
 def options() -> argparse.ArgumentParser:
@@ -140,6 +158,7 @@ def options() -> argparse.ArgumentParser:
     parser.add_argument("--only", metavar="PATCH,…", default="", help="these patches alone")
     parser.add_argument("--patches", type=int, metavar="N", help="so many patches, spread over all")
     parser.add_argument("--seconds", type=float, default=1.0, help="of each patch, from its beginning (default: 1)")
+    parser.add_argument("--guard", action="store_true", help="three patches by shipped machine code, and a warning")
     parser.add_argument("--turns", type=int, default=12, help="of each version at each patch (default: 12)")
     return parser
 
@@ -151,9 +170,11 @@ def main(words: list[str]) -> int:
         options().error("give OLD, or OLD and NEW")
     versions: list[Version] = []
     found = []
+    only = [name for name in told.only.split(",") if name]
+    if told.guard:
+        only, told.seconds, told.turns = only or list(GUARDED), GUARD_SECONDS, GUARD_TURNS
     try:
-        with without_machine_code(told.revisions) as trees:
-            only = [name for name in told.only.split(",") if name]
+        with copies_of(told.revisions, told.guard) as trees:
             scenes = documents(trees[0] / "patches", only, told.patches)
             versions = [Version(tree) for tree in trees]
             print(f"{'patch':<22} {'old ns':>9} {'new ns':>9} {'new / old':>10}   {'energy error':<15}   capped")
@@ -172,4 +193,6 @@ def main(words: list[str]) -> int:
             version.end()
     if found:
         print(summary(found))
+    if found and told.guard and (said := warning(found)):
+        print(said)
     return 0

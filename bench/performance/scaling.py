@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 import engine
-from bench.performance.instruments import measure
+from bench.performance.turns import RATE, Replay, time_in_turn
 from bench.publish.report import figure, pin, publish
 from bench.scenes.families import bank, colliding, hammered, tanpuras
 from engine.assembly.build import build
 from engine.offline.simulation import Simulation
 
-RATE = 44_100
-REPEATS = 3
+TURNS = 3
 LEAST = 2000  # samples of a run
 SAMPLES = 4e7  # of one mode: a run is as long as that many modes allow
 MAX_SPREAD = 2.0  # ratio of the sizes that an extrapolation leads to, at most
@@ -33,13 +32,13 @@ FAMILIES: dict[str, Family] = {  # scene of n, sizes, warm-up in s
 BLOCKS = [1, 4, 16, 64, 256, 1024, 4096]
 
 
-def cost(family: str, size: int, cores: int = 1) -> float:
-    """ns per sample, energies measured."""
+def replay(family: str, size: int, cores: int = 1) -> Replay:
+    """A scene of a family, energies measured."""
     scene_of, _, warm = FAMILIES[family]
     scene = scene_of(size)
     modes = build(scene, RATE)[1].p.size
     seconds = max(LEAST, min(SAMPLES / modes / 10, RATE / 2)) / RATE
-    return measure(scene, seconds, warm, cores, metered=True, repeats=REPEATS)[0] * 1e9
+    return Replay(scene, seconds, warm, cores, metered=True)
 
 
 def slope(sizes: list[int], costs: list[float]) -> float:
@@ -73,7 +72,7 @@ def growth() -> None:
     rows = []
     with figure("scaling", 8, 6) as axes:
         for name, (_, sizes, _) in FAMILIES.items():
-            costs = [cost(name, n) for n in sizes]
+            costs = [time_in_turn(replay(name, n), turns=TURNS)[0].median * 1e9 for n in sizes]
             axes.loglog(sizes, costs, "o-", label=f"{name}: exponent {slope(sizes, costs):.2f}")
             ends = f"{costs[0]:.0f}", f"{costs[-1]:.0f}", f"{slope(sizes, costs):.2f}", largest(sizes, costs)
             rows.append([name, f"{sizes[0]} … {sizes[-1]}", *ends])
@@ -111,10 +110,8 @@ def cores() -> None:
         ("colliding masses", [32, 128, 512, 2048]),
     ):
         for size in sizes:
-            one, two = np.inf, np.inf
-            for _ in range(3):  # in turn, so that a slow phase of the machine meets both
-                one, two = min(one, cost(name, size)), min(two, cost(name, size, 2))
-            rows.append([f"{size} {name}", f"{one:.0f}", f"{two:.0f}", f"{one / two:.2f}"])
+            one, two = time_in_turn(replay(name, size), replay(name, size, 2))
+            rows.append([f"{size} {name}", one.nanoseconds, two.nanoseconds, f"{one.median / two.median:.2f}"])
     publish("threads", ["scene", "ns per sample, one core", "ns per sample, two cores", "ratio"], rows, "scaling")
 
 

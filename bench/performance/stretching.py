@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 import engine
-from bench.performance.connections import FRAMES, RATE, REPEATS, fused_passes
+from bench.performance.connections import BLOCK, REPEATS, fused_passes
+from bench.performance.turns import RATE, time_in_turn
 from bench.publish.report import pin, publish
 from engine.assembly.build import build
 from engine.compiler.decorators import kernel
@@ -43,28 +44,25 @@ def string(modes: int, is_stretching: bool) -> engine.Scene:
     return engine.Scene.model_validate({"body": [body | stretching], "pickup": [pickup], "accuracy": accuracy})
 
 
-class Timed:
-    """A way to move a string; it keeps the least time of a block. Those of all are taken in turn."""
+class Moved:
+    """A way to move a string; a call returns the seconds of a sample."""
 
     def __init__(self, modes: int, is_stretching: bool, in_steps: bool) -> None:
         scene = string(modes, is_stretching)
         self._model, self._state, _ = build(scene, RATE, scene.accuracy)
-        self._simulation = (
-            None if in_steps else Simulation(self._model, self._state, measure_energy=False, kernel="special")
-        )
-        self._audio, self.least = np.zeros((FRAMES, 1)), np.inf
-        self.move()
-        self.least = np.inf  # the first block compiles
+        self._simulation = None if in_steps else Simulation(self._model, self._state, measure_energy=False)
+        self._audio = np.zeros((BLOCK, 1))
+        self._move()  # the first block compiles
 
-    def move(self) -> None:
-        """Move the string by a block of samples."""
+    def _move(self) -> float:
         if self._simulation is not None:
-            taken = time_block(self._simulation, self._audio)
-        else:
-            begin = time.perf_counter()
-            fused_passes(self._model.step, self._state.kick_compensation, self._state.q, self._state.p, FRAMES)
-            taken = time.perf_counter() - begin
-        self.least = min(self.least, taken / FRAMES * 1e9)
+            return time_block(self._simulation, self._audio)
+        begin = time.perf_counter()
+        fused_passes(self._model.step, self._state.kick_compensation, self._state.q, self._state.p, BLOCK)
+        return time.perf_counter() - begin
+
+    def __call__(self) -> float:
+        return sum(self._move() for _ in range(REPEATS)) / REPEATS / BLOCK
 
 
 @kernel  # type: ignore[untyped-decorator]
@@ -105,13 +103,11 @@ def run() -> None:
     pin()
     rows = []
     for modes in MODES:
-        ways = [Timed(modes, False, False), Timed(modes, False, True), Timed(modes, True, False)]
-        for _ in range(REPEATS):
-            for way in ways:
-                way.move()
-        flight, step, stretching = (way.least for way in ways)
-        ratios = f"{stretching / step:.1f}", f"{stretching / flight:.0f}", f"{count_sums(modes):.4f}"
-        rows.append([f"{modes}", f"{flight:.1f}", f"{step:.0f}", f"{stretching:.0f}", *ratios])
+        ways = Moved(modes, False, False), Moved(modes, False, True), Moved(modes, True, False)
+        flight, step, stretching = time_in_turn(*ways)
+        ratios = f"{stretching.median / step.median:.1f}", f"{stretching.median / flight.median:.0f}"
+        times = flight.nanoseconds, step.nanoseconds, stretching.nanoseconds
+        rows.append([f"{modes}", *times, *ratios, f"{count_sums(modes):.4f}"])
     times = [f"{name}, ns per sample" for name in ("free flight", "linear, in steps", "stretching")]
     ratios = ["stretching / steps", "stretching / flight", "sums over the modes per sample"]
     publish("stretching", ["modes", *times, *ratios], rows)

@@ -25,7 +25,7 @@ Whole scripts to copy are in the [examples](examples/README.md).
 | write a patch that a script has made | `Scene.save`, `Scene.to_toml` |
 | know how exact it is | `rendering.stats.energy`, `rendering.stats.trusted`, `estimate_error` |
 | compute many sounds | `run_sweep_rows`, `run_sweep` |
-| play in a browser, or in a notebook | `Rendering.page`, `export_page` |
+| play in a browser, or in a notebook | `show`, `Rendering.page`, `export_page` |
 | play in a program for music | `export_plugin`, `PluginForm` |
 | play on an audio device | `Player.start`, `Player.strike`, `Player.set` |
 | play in your own callback | `Player.render_into`, `Player.read`; [the rules](live.md#your-own-audio-callback) |
@@ -51,7 +51,7 @@ MADE_BY_FUNCTIONS = "Scene", "Parameter", "Rendering", "TraceArrays", "ContactSu
 # in the order of the page: where each name is imported from, and those of its methods and properties that are for users
 NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "load": ("fdh", ()),
-    "Scene": ("fdh", ("parameters", "replace", "channels", "to_toml", "save")),
+    "Scene": ("fdh", ("parameters", "replace", "channels", "show", "to_toml", "save")),
     "Parameter": ("fdh.patch.parameters", ()),
     "render": ("fdh", ()),
     "Rendering": ("fdh", ("contacts", "silence", "page", "plot", "save")),
@@ -66,6 +66,7 @@ NAMES: dict[str, tuple[str, tuple[str, ...]]] = {
     "read_sweep_rows": ("fdh", ()),
     "Player": ("fdh", (*PLAYING, *EVENTS, *READINGS)),
     "AudioInput": ("fdh", ()),
+    "show": ("fdh", ()),
     "export_page": ("fdh", ()),
     "export_plugin": ("fdh", ()),
     "PluginForm": ("fdh", ()),

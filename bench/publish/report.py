@@ -30,9 +30,10 @@ def stamp(name: str) -> str:
     """What measured which kernels, where and when."""
     made = describe_machine()
     versions = ", ".join(f"{p} {made[p]}" for p in ("Python", "numba", "numpy"))
+    load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""  # 1 is the measurement itself
     return (
         f"`uv run python -m bench {name}`, {datetime.date.today()}, {processor(made['processor'])}, "
-        f"{made['cores']} cores, {versions}, kernels {stale.present_kernels()}"
+        f"{os.cpu_count()} cores{load}, {versions}, kernels {stale.measured_kernels()}"
     )
 
 

@@ -26,7 +26,7 @@ NAVIGATION = {  # pages of docs; those that are not named here come last
     "Gallery": [f"gallery_{family.name}" for family in read_words()[0]],
     "Guides": ["joining", "bodies", "instruments", "live", "files", "export", "accuracy", "limits"],
     "Reference": ["cli", "patches", "api", "start_up"],
-    "Science": ["scheme", "paper", "guarantees", "ruler", "bench"],
+    "Science": ["scheme", "paper", "guarantees", "ruler", "bench", "recordings", "did_not_pay"],
     "For developers": ["architecture", "design", "extending"],
 }
 OTHERS = "More"

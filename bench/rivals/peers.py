@@ -17,7 +17,7 @@ import numpy as np
 
 import engine
 from bench.accuracy.hard import scene_of
-from bench.performance.instruments import FRAMES, RATE, measure
+from bench.performance.turns import FRAMES, RATE, Replay, time_in_turn
 from bench.publish.report import ROOT, pin, publish
 from bench.rivals.leapfrog import Leapfrog
 from bench.rivals.single_body import SingleBody
@@ -47,7 +47,6 @@ HEADER = [
     "error, this engine",
     "limits of the other",
 ]
-TURNS, REPEATS = 5, 4  # runs in turn, so that a slow phase of the machine meets both
 LANES = 8  # numbers of a vector register; arrays of modes are padded to a multiple
 PIECE = 64  # samples: what the C sources run is a multiple
 AGREED = 138 * PIECE  # samples, 0.2 s, over which C and ours have to agree
@@ -56,20 +55,8 @@ BANKS = (64, 1000, 20_000)
 DIFFERENCE = 1e-9  # relative, at most
 
 
-def timed(rival: "Written | Explicit | Leapfrog", channels: int, frames: int) -> float:
-    """Seconds per sample, the least of some runs from the same state."""
-    out, best = np.zeros((channels, FRAMES)), np.inf
-    for _ in range(REPEATS):
-        rival.reset()
-        begin = time.perf_counter()
-        for _ in range(frames // FRAMES):
-            rival.block(out)
-        best = min(best, (time.perf_counter() - begin) / frames)
-    return best
-
-
 class Times(NamedTuple):
-    """ns per sample."""
+    """Seconds per sample."""
 
     theirs: float
     ours: float
@@ -80,20 +67,28 @@ def in_turn(
     scene: engine.Scene, rival: "Written | Explicit | Leapfrog", channels: int, frames: int
 ) -> tuple[Times, float]:
     """The times of a rival and of ours, and our energy error."""
-    theirs = ours = metered = np.inf
-    for _ in range(TURNS):
-        theirs = min(theirs, timed(rival, channels, frames))
-        ours = min(ours, measure(scene, frames / RATE, repeats=REPEATS)[0])
-        slower, simulation, _ = measure(scene, frames / RATE, metered=True, repeats=REPEATS)
-        metered = min(metered, slower)
-    return Times(theirs * 1e9, ours * 1e9, metered * 1e9), simulation.energies()["error_max"]
+    out, plain, metered = (
+        np.zeros((channels, FRAMES)),
+        Replay(scene, frames / RATE),
+        Replay(scene, frames / RATE, metered=True),
+    )
+
+    def run() -> float:
+        rival.reset()
+        begin = time.perf_counter()
+        for _ in range(frames // FRAMES):
+            rival.block(out)
+        return (time.perf_counter() - begin) / frames
+
+    times = time_in_turn(run, plain, metered)
+    return Times(*(taken.median for taken in times)), metered.simulation.energies()["error_max"]
 
 
 def row(scene: str, peer: str, times: Times, errors: tuple[str, str], lacks: str) -> list[str]:
     """A row of the table."""
-    metered = "" if times.metered is None else f"{times.metered:.3g}"
+    metered = "" if times.metered is None else f"{times.metered * 1e9:.3g}"
     ratio = f"{times.ours / times.theirs:.2g}"
-    return [scene, peer, f"{times.theirs:.3g}", f"{times.ours:.3g}", ratio, metered, *errors, lacks]
+    return [scene, peer, f"{times.theirs * 1e9:.3g}", f"{times.ours * 1e9:.3g}", ratio, metered, *errors, lacks]
 
 
 def skipped(scene: str, peer: str, package: str) -> list[str]:
@@ -225,7 +220,7 @@ def in_c(case: Case, folder: Path) -> list[str]:
     """The row of a scene in C, which has to give what the engine gives."""
     model, state, _ = build(case.scene, RATE, Accuracy(silence=-np.inf))
     if not state.p.any():
-        state.p[:] = 1.0  # as bench.performance.instruments.measure has it
+        state.p[:] = 1.0  # as bench.performance.turns.Replay has it
     rival, heard, ours = Written(case, folder, model, state), np.zeros((1, AGREED)), np.zeros((AGREED, 1))
     rival.block(heard)
     Simulation(model, state, measure_energy=False).render_block(ours)
@@ -382,7 +377,9 @@ def matched(name: str, scene: engine.Scene, seconds: float) -> list[list[str]]:
     ):
         peer = cheapest(peers, GOAL)
         errors = f"{peer['error']:.0e}, energy {peer['energy_error']:.0e}", f"{own['error']:.0e} ({own['setting']})"
-        rows.append(row(name, peer["setting"], Times(peer["ns_per_sample"], own["ns_per_sample"]), errors, lacks))
+        rows.append(
+            row(name, peer["setting"], Times(peer["ns_per_sample"] * 1e-9, own["ns_per_sample"] * 1e-9), errors, lacks)
+        )
     return rows
 
 

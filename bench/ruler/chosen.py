@@ -1,4 +1,5 @@
-"""Steps chosen by error, beside the cheapest number of steps for the same error; what one step of a sample misses."""
+"""What to type for an error, and what it takes; steps chosen by error, beside the cheapest number of steps for the same
+error; what one step of a sample misses."""
 
 import math
 import time
@@ -18,6 +19,7 @@ from engine.report.figures import BLUE, GREY, ORANGE
 
 ERRORS = [1e-2, 1e-3, 1e-4, 1e-5]
 ORDERS, STEPS = (2, 4), [2**k for k in range(10)]  # fixed ones; steps per sample
+WANTED = [1e-2, 1e-3, 1e-4, 1e-6]  # errors that somebody may want
 SAME_ERROR = 1.05  # times the other
 SHORT = 0.5  # s: what takes less is timed again
 REPEATS = 3
@@ -41,15 +43,17 @@ class Measured(NamedTuple):
 def run() -> None:
     """Measure all problems, and publish a table and a figure."""
     pin()
-    rows, ratios = [], list[float]()
+    rows, ratios, answers = [], list[float](), []
     for name in NAMES:
         orders = (2,) if ruler_scene(name).friction else ORDERS  # friction has no other
         settings = [(order, n) for order in orders for n in STEPS]
         fixed = [measure(name, f"order {order}, {n} ×", order=order, substeps=n) for order, n in settings]
+        by_error = []
         for error in ERRORS:
             accuracy = settings_for_error(error)
             accuracy["order"] = min(accuracy["order"], orders[-1])
             chosen = measure(name, f"{error:.0e}, order {accuracy['order']}", **accuracy)
+            by_error.append(chosen)
             row = [name, chosen.setting, f"{chosen.error:.0e}", f"{chosen.nanoseconds:.0f}"]
             within = [one for one in fixed if one.error <= SAME_ERROR * chosen.error]
             if within:
@@ -57,11 +61,30 @@ def run() -> None:
                 ratios.append(chosen.nanoseconds / cheapest.nanoseconds)
                 row += [cheapest.setting, f"{cheapest.error:.0e}", f"{cheapest.nanoseconds:.0f}", f"{ratios[-1]:.2g}"]
             rows.append(row + [""] * (8 - len(row)))
+        answers.append([f"`{name}`", *(answer(error, [*fixed, *by_error]) for error in WANTED)])
+    publish("answers", ["problem", *(f"an error of {error:g}" for error in WANTED)], answers, "chosen")
     mean = math.exp(np.mean(np.log(ratios)))
     rows.append(["geometric mean", *[""] * 6, f"{mean:.2g}"])
     header = ["problem", "max_error", "error", "ns per sample", "cheapest fixed setting", "its error"]
     publish("chosen", [*header, "its ns per sample", "ratio of times"], rows)
     draw_sample()
+
+
+def answer(error: float, measured: list[Measured]) -> str:
+    """Return the options of the cheapest setting with at most an error, and what it takes."""
+    within = [one for one in measured if one.error <= error]
+    if not within:
+        return "none of these"
+    best = min(within, key=lambda one: one.nanoseconds)
+    if best.setting.endswith("×"):
+        order, steps = best.setting.removesuffix(" ×").split(", ")
+        options = f"--{order} --substeps {steps}"
+    else:
+        largest, order = best.setting.split(", ")
+        options = f"--{order} --max-error {largest} --max-substeps {MAX_SUBSTEPS}"
+    factor = 1e9 / SAMPLERATE / best.nanoseconds
+    speed = f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}"
+    return f"`{options}`: {best.nanoseconds:.0f} ns, {speed} × real time"
 
 
 def settings_for_error(error: float) -> dict[str, float]:

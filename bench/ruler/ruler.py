@@ -9,7 +9,7 @@ import dataclasses
 import datetime
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,7 @@ from bench.ruler.contact_ruler import NAMES, Problem, Reference, Score, Trajecto
 from bench.ruler.engine_method import simulate_by_engine, simulate_oscillator_by_engine
 from bench.ruler.methods import FAMILIES
 from bench.ruler.methods.common import was_applicable
+from bench.ruler.problems import SAMPLERATE
 from bench.ruler.stability import largest_stable_stiffness
 
 SUBSTEPS = (1, 2, 4, 16)
@@ -35,6 +36,8 @@ OWN: dict[str, dict[float, dict[str, float]]] = {  # settings of the engine's me
 NOT_APPLICABLE = "not applicable"  # of a method to a problem
 SCORES, STABILITY = RESULTS / "ruler_scores.csv", "largest stable stiffness, N/m²"
 WITH_TOLERANCES = (BY_ERROR, "DOP853 with events")
+OTHERS = "RK4", "Störmer-Verlet", "SAV, drift control", "DOP853 with events"  # in the picture of docs/accuracy.md
+SHOWN, LEFT_OUT = (*OWN, *OTHERS), ("barrier", "lossy_bounce")  # … and problems that are not
 
 
 class Result(NamedTuple):
@@ -75,7 +78,7 @@ def add_to_stamp(made: str, names: tuple[str, ...]) -> str:
     """The stamp of older results, with the problems that are measured now."""
     base, *others = made.split("; ")
     others = [other for other in others if other.partition(":")[0] not in names]
-    now = f"{datetime.date.today()}, kernels {stale.present_kernels()}"
+    now = f"{datetime.date.today()}, kernels {stale.measured_kernels()}"
     return "; ".join([base, *others, *(f"{name}: {now}" for name in names)])
 
 
@@ -84,7 +87,7 @@ def add_to_stamp(made: str, names: tuple[str, ...]) -> str:
 
 def score_problem(name: str) -> Iterator[Result]:
     """The scores of all methods on a problem; of a family, those of its best variant at each setting."""
-    (problem, reference), kernels = load_problem(name), stale.present_kernels()
+    (problem, reference), kernels = load_problem(name), stale.measured_kernels()
     for family, settings in OWN.items():
         for setting, accuracy in settings.items():
             trajectory = simulate_by_engine(name, **accuracy)
@@ -227,15 +230,24 @@ def _stiffness(value: float) -> str:
 
 
 def draw(results: list[Result]) -> None:
-    """Error of the motion against time, a panel for each problem."""
-    columns = 5
-    rows = math.ceil(len(NAMES) / columns)
-    with figure("ruler", 3.5 * columns, 3.5 * rows, nrows=rows, ncols=columns) as panels:
-        np.ravel(panels)[0].figure.set_layout_engine(None)
-        for panel in np.ravel(panels)[len(NAMES) :]:
+    """Error of the motion against time, a panel for each problem: of all methods, and of a few on most problems."""
+    draw_panels("ruler", results, NAMES, columns=5)
+    few = [result for result in results if result.family in SHOWN]
+    draw_panels("accuracy", few, [name for name in NAMES if name not in LEFT_OUT], columns=4)
+
+
+def draw_panels(file: str, results: list[Result], names: Sequence[str], columns: int) -> None:
+    """Draw a panel for each problem, and the duration of a sample as a line."""
+    rows, colours = math.ceil(len(names) / columns), {family: i for i, family in enumerate(families(results))}
+    with figure(file, 3.5 * columns, 3.5 * rows, nrows=rows, ncols=columns, sharey=True) as axes:
+        panels = np.ravel(axes)
+        whole = panels[0].figure
+        whole.set_layout_engine(None)
+        for panel in panels[len(names) :]:
             panel.set_axis_off()
-        for name, panel in zip(NAMES, np.ravel(panels), strict=False):
-            for i, family in enumerate(families(results)):
+        for name, panel in zip(names, panels, strict=False):
+            panel.axvline(1e9 / SAMPLERATE, color="0.5", linestyle=":", label="real time on one core")
+            for family, i in colours.items():
                 points = [
                     (r.score.ns_per_sample, r.score.motion)
                     for r in results
@@ -243,25 +255,19 @@ def draw(results: list[Result]) -> None:
                 ]
                 if points:
                     is_ours = family.startswith("this engine")
-                    style = {
-                        "linewidth": 2.2 if is_ours else 1.0,
-                        "marker": "o" if is_ours else ".",
-                        "color": f"C{i % 10}",
-                    }
-                    style |= {"linestyle": "-" if i < 10 else "--", "markersize": 5 if is_ours else 4}
-                    panel.loglog(*zip(*points, strict=True), label=family, **style)
+                    style = {"linewidth": 2.2, "marker": "o", "markersize": 5} if is_ours else {"linewidth": 1.0}
+                    style = {"marker": ".", "markersize": 4, "color": f"C{i % 10}"} | style
+                    panel.loglog(*zip(*points, strict=True), label=family, linestyle="-" if i < 10 else "--", **style)
             panel.set_title(name.replace("_", " "), fontsize=10)
             panel.set_ylim(1e-10, 3.0)
             panel.grid(True, which="major", alpha=0.3)
-        for panel in np.ravel(panels)[len(NAMES) - columns : len(NAMES)]:
+        for panel in panels[len(names) - columns : len(names)]:
             panel.set_xlabel("ns per sample")
-        for panel in np.atleast_2d(panels)[:, 0]:
-            panel.set_ylabel("motion error")
-        lines = {line.get_label(): line for panel in np.ravel(panels) for line in panel.get_lines()}
-        np.ravel(panels)[0].figure.legend(lines.values(), lines, loc="lower center", ncol=5, fontsize=9, frameon=False)
-        np.ravel(panels)[0].figure.subplots_adjust(
-            bottom=0.13, top=0.95, left=0.06, right=0.98, hspace=0.3, wspace=0.25
-        )
+        for panel in np.atleast_2d(axes)[:, 0]:
+            panel.set_ylabel("error of the motion")
+        lines = {line.get_label(): line for panel in panels for line in panel.get_lines()}
+        whole.legend(lines.values(), lines, loc="lower center", ncol=5, fontsize=9, frameon=False)
+        whole.subplots_adjust(bottom=0.13, top=0.95, left=0.06, right=0.98, hspace=0.3, wspace=0.25)
 
 
 def main(words: list[str]) -> None:

@@ -1,5 +1,6 @@
 """What the bench says of times."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -8,10 +9,12 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
-from bench.performance import block_times, pairs, scaling
+from bench.performance import block_times, pairs, scaling, turns
 from bench.publish import compare, stale
 from bench.publish.report import stamp
-from engine.compiler import cache
+from bench.scenes.families import bank
+from engine.compiler.shipped import ABOUT, archive, read_about, read_part, write_members
+from engine.compiler.targets import target_named
 
 
 def test_what_moved_by_more_than_noise_is_marked():
@@ -89,8 +92,39 @@ def test_every_published_table_has_a_caption_and_a_new_one_names_its_kernels():
     for path in (ROOT / "README.md", *stale.marked_pages()):
         text = path.read_text("utf-8")
         assert len(stale.tables_of(text)) == text.count("<!-- bench:"), path
-    assert stale.KERNELS.search(stamp("start"))[1] == stale.present_kernels()
-    assert cache.source_digest().startswith(stale.present_kernels())
+    assert stale.KERNELS.search(stamp("start"))[1] == stale.measured_kernels()
+
+
+def test_kernels_are_named_by_their_machine_code_and_not_by_their_sources(tmp_path):
+    """A comment in a source gives an archive of other sources with the same code; one other byte of code is another."""
+    shipped = archive(target_named("linux-x86-64-v3"))
+    about = read_about(shipped)
+    code = {part: read_part(shipped, part).machine_code for part in about["parts"]}
+
+    def digits(name: str, about: dict, code: dict[str, bytes]) -> str:
+        write_members(tmp_path / name, {ABOUT: json.dumps(about).encode(), **code})
+        return stale.present_kernels(tmp_path / name)
+
+    assert digits("commented", about | {"sources": "0" * 64}, code) == stale.present_kernels()
+    first = next(iter(code))
+    changed = code | {first: code[first][:-1] + bytes([code[first][-1] ^ 1])}
+    assert digits("changed", about, changed) != stale.present_kernels()
+
+
+def test_a_table_of_sources_without_archives_is_not_taken_for_one_of_the_archives(monkeypatch):
+    monkeypatch.setattr(stale.cache, "source_digest", lambda: "0123abcd" + 56 * "0")
+    assert stale.measured_kernels() == "0123abcd" != stale.present_kernels()
+
+
+def test_a_run_that_was_stopped_goes_on_with_what_is_not_finished(tmp_path, monkeypatch):
+    finished = f"{CAPTION}, kernels {stale.present_kernels()}"
+    other = f"{CAPTION}, kernels 98765432".replace("bench start", "bench price")
+    half = finished.replace("bench start", "bench price")
+    (tmp_path / "README.md").write_text(page(half), "utf-8")
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "bench.md").write_text(page(finished, other), "utf-8")
+    monkeypatch.setattr(stale, "ROOT", tmp_path)
+    assert [name for name in ("start", "price", "api") if stale.is_finished(name)] == ["start"]
 
 
 def test_older_tables_are_listed(capsys):
@@ -108,6 +142,36 @@ def test_a_size_is_extrapolated_only_where_costs_lead_to_one():
     assert scaling.largest(sizes, [100.0, 103.0, 110.0, 140.0]) == "more than 64"
     assert scaling.largest(sizes, [1e3, 4e3, 16e3, 64e3]) == "22"
     assert scaling.largest(sizes, [1e5, 2e5, 3e5, 4e5]) == "fewer than 1"
+
+
+def test_times_are_medians_of_runs_in_turn_and_what_spreads_too_far_is_measured_again():
+    """What delays a turn meets all that is compared, and a median is none the worse for it."""
+    order, delays = [], iter([0.0, 5.0, 0.0] + 9 * [0.0])
+
+    def work(name: str, seconds: float):
+        def run() -> float:
+            order.append(name)
+            return seconds
+
+        return run
+
+    one, two = turns.time_in_turn(work("a", 1e-6), work("b", 3e-6), turns=5)
+    assert order == 5 * ["a", "b"] and (one.median, two.median) == (1e-6, 3e-6) and one.spread == two.spread == 0.0
+    assert two.nanoseconds == "3000 ± 0 %"
+    (delayed,) = turns.time_in_turn(lambda: 1.0 + next(delays), turns=3)
+    assert delayed == turns.Timing(1.0, 1.0, 0.0) and len(list(delays)) == 6  # a second try was enough
+    restless = iter([1.0, 3.0, 5.0, 1.0, 2.0, 3.0, 1.0, 4.0, 9.0])
+    (kept,) = turns.time_in_turn(lambda: next(restless), turns=3)
+    assert not list(restless) and kept.median == 2.0  # of all tries the one that spread least
+
+
+def test_what_is_timed_moves_and_gives_the_same_samples_in_each_turn():
+    """Also modes that nothing strikes: they would sleep."""
+    replay = turns.Replay(bank(8), 0.02)
+    replay()
+    first = replay.audio.copy()
+    replay()
+    assert np.all(np.std(first[:882], axis=0) > 0.0) and np.array_equal(replay.audio, first)
 
 
 class Clockwork:
@@ -130,6 +194,8 @@ def test_what_delays_some_blocks_does_not_change_the_ratio_of_two_versions():
     assert new.ns / old.ns == pytest.approx(1.25) and old.ns == pytest.approx(1000.0, rel=0.03)
     assert "1.250" in pairs.row("ball", old, new)
     assert pairs.summary([[old, new], [new, old], [old, old]]).endswith("of 3: 1.000")
+    assert pairs.warning([[old, new], [new, old]]) == ""
+    assert pairs.warning([[old, new], [old, new], [old, old]]).startswith("warning: this version takes 1.16 of")
     assert "refused by the new version: no such key" in pairs.measure(
         [Clockwork(1.0), Clockwork(1.0, True)], {}, 1.0, 4
     )

@@ -79,7 +79,8 @@ def test_the_shape_is_no_worse_than_it_was(counts):
     assert counts.kernel_lines > 0 and counts.none_tests  # or nothing was counted
     ceilings = {
         "lines of the kernel": 9_118,
-        "lines of the engine": 54_600,  # 1700 of them for files, 1100 for rigs and tunings, 1100 for plug-ins
+        "lines of the engine": 55_400,  # 1700 of them for files, 1100 for rigs and tunings, 1100 for plug-ins, 800 for
+        # films, labels, bends of notes, restitution and MIDI ports of JACK
         "functions of more than 6 arguments": 8,
         "predicates of the kernel that write": 0,
         "files that know friction": 32,
